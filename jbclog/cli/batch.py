@@ -49,10 +49,10 @@ def batch(
     Example:
       jbclog batch profiles/batches/night.toml
     """
-    from jbclog.app.batch.executor import LOOK_EVERY_S, Means
-    from jbclog.app.batch.job_spec import orders_of
+    from jbclog.app.batch.executor import LOOK_EVERY_S, Timing
+    from jbclog.app.batch.job_spec import plan_batch
     from jbclog.app.batch.journal import NAME, home_of
-    from jbclog.app.batch.resume import take
+    from jbclog.app.batch.resume import prepare
     from jbclog.app.batch.single_batch import hold
     from jbclog.cli.batch_progress import beginning, facts, intentions, local, shown_by, table
     from jbclog.config.job_order import SystemZone
@@ -61,12 +61,12 @@ def batch(
     if resume and anew:
         raise UsageError("--resume goes on, --anew gives up what there is: give one of the two")
     never_wait()
-    means = Means(time.time, lambda: time.sleep(LOOK_EVERY_S))
-    orders = orders_of(load_jobs(jobs, line), out)
+    means = Timing(time.time, lambda: time.sleep(LOOK_EVERY_S))
+    orders = plan_batch(load_jobs(jobs, line), out)
     for text in orders.notes:
         note(f"note: {text}")
     with hold(home_of(out, jobs), jobs, local(time.time())):
-        shift = take(orders, out, means, SystemZone(), resume=resume, anew=anew)
+        shift = prepare(orders, out, means, SystemZone(), resume=resume, anew=anew)
         for text in (*beginning(shift), *(intentions(shift) if resume else ())):
             note(text)
         shown = shown_by(shift, quiet=as_json)  # a table from here on
@@ -78,7 +78,7 @@ def batch(
             tell(*table(shift, out))
             note(f"journal: {shift.journal.folder / NAME}; exit code {code}")
         executor.finish()
-        note(shift.standing.closing)
+        note(shift.state.closing)
     raise typer.Exit(code)
 
 

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from rich.live import Live
     from rich.table import Table
 
-    from jbclog.app.batch.job_dir import JobDir, Now
-    from jbclog.app.batch.resume import Shift
+    from jbclog.app.batch.job_dir import JobDir, JobProgress
+    from jbclog.app.batch.resume import PreparedBatch
     from jbclog.app.batch.state import Attempt, BatchState, JobState, Next
     from jbclog.config.jobs_file import JobTable
 
@@ -54,44 +54,44 @@ def span(passed_s: float) -> str:
 # -- before -----------------------------------------------------------------------------------------------------------------
 
 
-def beginning(shift: Shift) -> Iterator[str]:
+def beginning(shift: PreparedBatch) -> Iterator[str]:
     """Whether it begins or is gone on with, and what waits for which moment."""
-    jobs = shift.standing.jobs
+    jobs = shift.state.jobs
     count = f"{len(jobs)} job{'' if len(jobs) == 1 else 's'}"
     if shift.is_new:
-        yield f"batch of {count} on line {shift.orders.line.name}; its journal is in {shift.journal.folder}"
+        yield f"batch of {count} on line {shift.plan.line.name}; its journal is in {shift.journal.folder}"
     else:
         over = sum(job.is_over and not (job.last and job.last.again) for job in jobs.values())
-        begun = local(seconds(shift.standing.begun or shift.standing.last))
+        begun = local(seconds(shift.state.begun or shift.state.last))
         yield f"the batch of {begun} was not finished: going on where it was, with {over} of {count} behind it"
     for job in jobs.values():
         if job.due is not None and not job.is_over and not job.attempts:
             yield f"{job.name} waits until {local(job.due)}"
 
 
-def intentions(shift: Shift) -> Iterator[str]:
+def intentions(shift: PreparedBatch) -> Iterator[str]:
     """A line for each job: how it stands, and what will be done about it."""
-    width = max(len(name) for name in shift.standing.jobs)
-    for job, text in shift.what_will_be_done():
+    width = max(len(name) for name in shift.state.jobs)
+    for job, text in shift.next_steps():
         yield f"  {job.name:{width}}  {text}"
 
 
 # -- after ------------------------------------------------------------------------------------------------------------------
 
 
-def table(shift: Shift, out: Path) -> list[str]:
+def table(shift: PreparedBatch, out: Path) -> list[str]:
     """The jobs in the file's order, a line each; a job that was begun more than once has a line for each of its runs."""
     rows = [END_COLUMNS, *(row for job in _in_file_order(shift) for row in _rows(shift, job, out))]
     widths = [max(len(row[place]) for row in rows) for place in range(len(END_COLUMNS))]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
-def _in_file_order(shift: Shift) -> list[JobState]:
-    return [shift.standing.jobs[name] for name in shift.orders.orders]
+def _in_file_order(shift: PreparedBatch) -> list[JobState]:
+    return [shift.state.jobs[name] for name in shift.plan.specs]
 
 
-def _rows(shift: Shift, job: JobState, out: Path) -> Iterator[Sequence[str]]:
-    stations = ",".join(shift.orders.stations[job.name])
+def _rows(shift: PreparedBatch, job: JobState, out: Path) -> Iterator[Sequence[str]]:
+    stations = ",".join(shift.plan.stations[job.name])
     for attempt in job.attempts[:-1]:
         yield (job.name, stations, *_cells(attempt, out))
     if job.last is not None and job.state is job.last.state:
@@ -115,23 +115,23 @@ def _cells(attempt: Attempt, out: Path) -> Sequence[str]:
     return attempt.state.value, code, attempt.verdict or "-", time.strftime("%H:%M:%S", time.localtime(began)), took, run
 
 
-def facts(shift: Shift, out: Path, code: int) -> dict[str, object]:
+def facts(shift: PreparedBatch, out: Path, code: int) -> dict[str, object]:
     """The same for programs."""
-    standing = shift.standing
+    state = shift.state
     return {
-        "batch": str(shift.orders.file.path),
+        "batch": str(shift.plan.file.path),
         "journal": str(shift.journal.folder / "journal.jsonl"),
-        "finished": not standing.is_open(),
+        "finished": not state.is_open(),
         "exit_code": code,
         "jobs": [_job_facts(shift, job, out) for job in _in_file_order(shift)],
     }
 
 
-def _job_facts(shift: Shift, job: JobState, out: Path) -> dict[str, object]:
+def _job_facts(shift: PreparedBatch, job: JobState, out: Path) -> dict[str, object]:
     last = job.last
     return {
         "name": job.name,
-        "stations": list(shift.orders.stations[job.name]),
+        "stations": list(shift.plan.stations[job.name]),
         "state": state_of(job),
         "exit_code": None if last is None or not job.is_over else last.exit_code,
         "verdict": None if last is None else last.verdict,
@@ -162,13 +162,13 @@ COLUMNS: Final = ("job", "stations", "so far", "now", "tools", "alarms")
 class _Follower:
     """The events of one job that are worth telling, as they come."""
 
-    def __init__(self, papers: JobDir) -> None:
-        self.papers = papers
+    def __init__(self, job_dir: JobDir) -> None:
+        self.job_dir = job_dir
         self._worth = Worth()
         self._read = 0
 
     def news(self) -> Iterator[str]:
-        events, self._read = self.papers.events(self._read)
+        events, self._read = self.job_dir.events(self._read)
         for event in events:
             if self._worth.telling(event):
                 yield event_line(event)
@@ -177,37 +177,37 @@ class _Follower:
 class Lines:
     """For a log or a pipe: a line for each job that begins or ends, and for each event that is worth telling."""
 
-    def __init__(self, shift: Shift) -> None:
-        self._shift = shift
+    def __init__(self, shift: PreparedBatch) -> None:
+        self._batch = shift
         self._followed: dict[str, _Follower] = {}
         self._recording: set[str] = set()
         self._shown = 0.0
 
     def started(self, job: JobState) -> None:
         again = "" if len(job.attempts) == 1 else ", again, as a new run"
-        self.told(f"{job.name} begins on {', '.join(self._shift.orders.stations[job.name])}{again}")
+        self.message(f"{job.name} begins on {', '.join(self._batch.plan.stations[job.name])}{again}")
 
     def ended(self, job: JobState) -> None:
         self._tell_news(job)
         self._followed.pop(job.name, None)
         if job.state is State.SKIPPED or job.last is None:
-            self.told(job.text.rstrip("."))
+            self.message(job.text.rstrip("."))
             return
         took = span(seconds(job.last.ended or job.last.began) - seconds(job.last.began))
         why = f": {job.text}" if job.text else ""
-        self.told(f"{job.name} ended after {took}, {job.state.value}, exit code {job.last.exit_code}{why}")
+        self.message(f"{job.name} ended after {took}, {job.state.value}, exit code {job.last.exit_code}{why}")
 
-    def told(self, text: str) -> None:
+    def message(self, text: str) -> None:
         self._print(f"{time.strftime('%H:%M:%S')}  {text}")
 
-    def look(self, standing: BatchState, following: Next) -> None:
+    def look(self, state: BatchState, following: Next) -> None:
         now = time.monotonic()
         if now - self._shown >= SHOW_EVERY_S:
             self._shown = now
-            for job in standing.running():
+            for job in state.running():
                 self._tell_run(job)
                 self._tell_news(job)
-            self._second(standing, following)
+            self._second(state, following)
 
     def close(self) -> None:
         return
@@ -216,38 +216,38 @@ class Lines:
         run = job.last and job.last.run
         if run and run not in self._recording:
             self._recording.add(run)
-            self.told(f"{job.name} records into {run}")
+            self.message(f"{job.name} records into {run}")
 
     def _tell_news(self, job: JobState) -> None:
         for text in self._follow(job).news():
             self._print(f"{job.name}: {text}")
 
     def _follow(self, job: JobState) -> _Follower:
-        papers = self._shift.hands.papers(job.name, max(len(job.attempts), 1))
+        papers = self._batch.processes.job_dir(job.name, max(len(job.attempts), 1))
         known = self._followed.get(job.name)
-        if known is None or known.papers.folder != papers.folder:
+        if known is None or known.job_dir.folder != papers.folder:
             known = self._followed[job.name] = _Follower(papers)
         return known
 
-    def _now(self, job: JobState) -> Now:
-        return self._follow(job).papers.now()
+    def _now(self, job: JobState) -> JobProgress:
+        return self._follow(job).job_dir.progress()
 
     def _print(self, text: str) -> None:
         note(text)
 
-    def _second(self, standing: BatchState, following: Next) -> None:
+    def _second(self, state: BatchState, following: Next) -> None:
         return
 
 
 class Screen(Lines):
     """For a person: a table that is renewed each second, what happens above it."""
 
-    def __init__(self, shift: Shift) -> None:
+    def __init__(self, shift: PreparedBatch) -> None:
         from rich.console import Console
         from rich.live import Live
 
         super().__init__(shift)
-        self._asked: dict[str, JobTable] = {job.name: job for job in shift.orders.file.jobs}
+        self._asked: dict[str, JobTable] = {job.name: job for job in shift.plan.file.jobs}
         self._console = Console(stderr=True, no_color="NO_COLOR" in os.environ, highlight=False)
         # stdout is for data: what is told there must not be shown on stderr because a table is
         self._live: Live | None = Live(
@@ -263,30 +263,30 @@ class Screen(Lines):
     def _print(self, text: str) -> None:
         self._console.print(wrapped(clean(text), self._console.width), markup=False, soft_wrap=True)
 
-    def _second(self, standing: BatchState, following: Next) -> None:
+    def _second(self, state: BatchState, following: Next) -> None:
         if self._live is not None:
-            self._live.update(self._table(standing, following), refresh=True)
+            self._live.update(self._table(state, following), refresh=True)
 
-    def _table(self, standing: BatchState, following: Next) -> Table:
+    def _table(self, state: BatchState, following: Next) -> Table:
         from rich.table import Table
 
-        table = Table(title=clean(title(standing, following)), title_justify="left", pad_edge=False)
+        table = Table(title=clean(title(state, following)), title_justify="left", pad_edge=False)
         for name in COLUMNS:
             table.add_column(name, justify="right" if name == "alarms" else "left")
-        for job in standing.running():
+        for job in state.running():
             table.add_row(*map(clean, self._cells(job, self._now(job))))
         return table
 
-    def _cells(self, job: JobState, now: Now) -> tuple[str, ...]:
-        stations = ", ".join(self._shift.orders.stations[job.name])
+    def _cells(self, job: JobState, now: JobProgress) -> tuple[str, ...]:
+        stations = ", ".join(self._batch.plan.stations[job.name])
         away = f"; away: {', '.join(now.away)}" if now.away else ""
         return job.name, stations, so_far(self._asked[job.name], now), now.doing + away, tools(now), str(now.alarms or "")
 
 
-def title(standing: BatchState, following: Next) -> str:
+def title(state: BatchState, following: Next) -> str:
     """``2 of 9 jobs have ended; next smd-2 (dde-1: behind smd-1)``."""
-    ended = sum(job.is_over for job in standing.jobs.values())
-    text = f"{ended} of {len(standing.jobs)} jobs have ended"
+    ended = sum(job.is_over for job in state.jobs.values())
+    text = f"{ended} of {len(state.jobs)} jobs have ended"
     if not following.wait:
         return text
     first = following.wait[0]
@@ -295,7 +295,7 @@ def title(standing: BatchState, following: Next) -> str:
     return f"{text}; next {first.name} ({why}){more}"
 
 
-def so_far(asked: JobTable, now: Now) -> str:
+def so_far(asked: JobTable, now: JobProgress) -> str:
     """How far a job has come towards its end."""
     passed = span(now.passed_s) + (f" of {asked.duration}" if asked.duration else "")
     if asked.units is not None:
@@ -303,7 +303,7 @@ def so_far(asked: JobTable, now: Now) -> str:
     return passed if asked.joints is None else f"{passed}, to {asked.joints} joints"
 
 
-def tools(now: Now) -> str:
+def tools(now: JobProgress) -> str:
     """What the tools do and how warm they are: ``working 346 to 352 °C``."""
     states = dict.fromkeys(port.status for port in now.ports if port.status)
     known = sorted(port.temperature_c for port in now.ports if port.temperature_c is not None)
@@ -311,6 +311,6 @@ def tools(now: Now) -> str:
     return " ".join(part for part in (", ".join(states), warm) if part)
 
 
-def shown_by(shift: Shift, *, quiet: bool) -> Lines | Screen:
+def shown_by(shift: PreparedBatch, *, quiet: bool) -> Lines | Screen:
     """The table on a terminal, lines elsewhere or where stdout is for a program."""
     return Screen(shift) if is_terminal() and not quiet else Lines(shift)

@@ -1,7 +1,7 @@
-"""A job in a process of its own: ``python -m jbclog.app.batch.child PAPERS DESCRIPTOR``. It does what `jbclog run` does.
+"""A job in its own process: ``python -m jbclog.app.batch.child JOB_DIR DESCRIPTOR``. It does what `jbclog run` does.
 
-It holds the lock of its papers, whose open descriptor it was given, and tells in them what people are to see. It is in a session
-of its own: what happens to the executor, or to the terminal, does not happen to it.
+It inherits the open descriptor of its lock and reports progress and result in its job's folder. It is in its own session, so
+the end of the executor or of the terminal does not reach it.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import Final
 
 from pydantic import TypeAdapter
 
-from jbclog.app.batch.job_dir import Carried, JobDir, Now, PortNow, Said
+from jbclog.app.batch.job_dir import JobDir, JobProgress, JobResult, PortProgress, PrefixedSource
 from jbclog.app.batch.job_spec import JobSpec
 from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import carry_out
@@ -28,49 +28,49 @@ from jbclog.core.rows import EventRow
 from jbclog.session.run.context import SessionContext
 from jbclog.transport.typed_lines import open_source
 
-ORDER: Final = TypeAdapter(JobSpec)
+SPEC: Final = TypeAdapter(JobSpec)
 INTERRUPTED: Final = 130
 WAITING_MOST: Final = 1000
 RUNNING: Final = "running"
 UNIT_ENDS: Final = "unit.end"
 CLOSE_S: Final = 2.0
 BROKEN: Final = ("fail", "missing")
-REASONS_MOST: Final = 3  # all of them are in the manifest and the report
+REASONS_MOST: Final = 3  # the manifest and the report have all of them
 
 
-class Told:
-    """An observer that tells in the job's papers, in a thread: a disk that hangs must not hold the run.
+class JobObserver:
+    """Writes progress and events to the job's folder, in a thread: a disk that hangs must not hold the run.
 
-    Only that the run has begun is told at once: its papers must know its folder before any station is touched.
+    Only the run's folder is written at once, because it must be known before any station is touched.
     """
 
-    def __init__(self, papers: JobDir) -> None:
-        self._papers = papers
+    def __init__(self, job_dir: JobDir) -> None:
+        self._job_dir = job_dir
         self._began = time.monotonic()
         self._units = 0
         self._waiting: Queue[Callable[[], None] | None] = Queue(WAITING_MOST)
         self._dropped = 0
-        self._thread = threading.Thread(target=self._tell_on, name="observer", daemon=True)
+        self._thread = threading.Thread(target=self._write_all, name="observer", daemon=True)
         self._thread.start()
 
     def begun(self, folder: Path) -> None:
-        self._papers.begun(folder)
+        self._job_dir.set_run(folder)
         self._began = time.monotonic()
 
     def happened(self, event: EventRow) -> None:
         self._units += event.kind == UNIT_ENDS
-        self._tell(lambda: self._papers.happened(event))
+        self._put(lambda: self._job_dir.add_event(event))
 
     def second(self, contexts: list[SessionContext]) -> None:
         if self._waiting.empty():
-            self._tell(lambda: self._papers.tell(self._now(contexts)))
+            self._put(lambda: self._job_dir.set_progress(self._progress(contexts)))
 
     def sealing(self) -> None:
         passed = time.monotonic() - self._began
-        self._tell(lambda: self._papers.tell(Now(passed, "sealing", units=self._units)))
+        self._put(lambda: self._job_dir.set_progress(JobProgress(passed, "sealing", units=self._units)))
 
     def missed(self) -> int:
-        """How much of what it was told it could not pass on."""
+        """Return how many writes were dropped or failed."""
         return self._dropped
 
     def close(self) -> None:
@@ -78,8 +78,8 @@ class Told:
             self._waiting.put(None, timeout=CLOSE_S)
         self._thread.join(CLOSE_S)
 
-    def _now(self, contexts: list[SessionContext]) -> Now:
-        return Now(
+    def _progress(self, contexts: list[SessionContext]) -> JobProgress:
+        return JobProgress(
             passed_s=time.monotonic() - self._began,
             doing="recording" if any(context.ports for context in contexts) else "starting",
             alarms=sum(context.facts.alarms or 0 for context in contexts),
@@ -90,67 +90,68 @@ class Told:
             units=self._units,
         )
 
-    def _tell(self, told: Callable[[], None]) -> None:
+    def _put(self, write: Callable[[], None]) -> None:
         try:
-            self._waiting.put_nowait(told)
+            self._waiting.put_nowait(write)
         except Full:
             self._dropped += 1
 
-    def _tell_on(self) -> None:
-        while (told := self._waiting.get()) is not None:
+    def _write_all(self) -> None:
+        while (write := self._waiting.get()) is not None:
             try:
-                told()
-            except Exception:  # the run goes on, whoever looks on
+                write()
+            except Exception:  # progress that is not shown ends no run
                 self._dropped += 1
 
 
-def _ports(context: SessionContext) -> list[PortNow]:
+def _ports(context: SessionContext) -> list[PortProgress]:
     if context.facts.outcome != RUNNING:
         return []
     return [_port(context, number) for number in context.ports]
 
 
-def _port(context: SessionContext, number: int) -> PortNow:
+def _port(context: SessionContext, number: int) -> PortProgress:
     port = context.ports[number]
     status = None if port.status is None or port.states else context.family.status.state(port.status)
-    return PortNow(context.name, number, port.temperature_c, context.set_c(port), status)
+    return PortProgress(context.name, number, port.temperature_c, context.set_c(port), status)
 
 
 def main(arguments: list[str]) -> int:
-    """The process. `arguments`: the folder of its papers, and the descriptor of their lock."""
-    papers, descriptor = JobDir(Path(arguments[0])), int(arguments[1])
-    os.set_inheritable(descriptor, False)  # a guard outlives the job, and must not look like it
-    papers.sign(descriptor)
+    """Run the process. `arguments`: the job's folder, and the descriptor of its lock."""
+    job_dir, descriptor = JobDir(Path(arguments[0])), int(arguments[1])
+    os.set_inheritable(descriptor, False)  # a guard outlives the job and must not hold its lock
+    job_dir.sign(descriptor)
     try:
-        said = _carry_out(papers)
+        result = _carry_out(job_dir)
     except JbclogError as error:
-        said = Said(error.exit_code, findings=str(error).splitlines())
-    except KeyboardInterrupt:  # nothing had begun
+        result = JobResult(error.exit_code, findings=str(error).splitlines())
+    except KeyboardInterrupt:  # no run has begun
         return INTERRUPTED
     with suppress(OSError):
-        papers.last_words(said)
-    return said.exit_code
+        job_dir.set_result(result)
+    return result.exit_code
 
 
-def _carry_out(papers: JobDir) -> Said:
-    order = ORDER.validate_json(papers.job())
-    units = None if order.units_from is None else open_source(order.units_from)
-    if units is not None and order.first_unit is not None:
-        units = Carried(units, order.first_unit)
-    told = Told(papers)
+def _carry_out(job_dir: JobDir) -> JobResult:
+    spec = SPEC.validate_json(job_dir.spec())
+    units = None if spec.units_from is None else open_source(spec.units_from)
+    if units is not None and spec.first_unit is not None:
+        units = PrefixedSource(units, spec.first_unit)
+    observer = JobObserver(job_dir)
     try:
-        return _said(carry_out(order.job, told, units=units, missed=told.missed))
+        return _result(carry_out(spec.job, observer, units=units, missed=observer.missed))
     finally:
-        told.close()
+        observer.close()
 
 
-def _said(result: Result) -> Said:
+def _result(result: Result) -> JobResult:
     findings = [finding.text for finding in in_order(result.findings)]
-    is_told = result.exit_code is Exit.NOT_FINE  # worse ones say already why there is no better verdict
-    broken = [rule for rule in result.manifest.verdict_rules if is_told and rule["result"] in BROKEN]
+    gives_reasons = result.exit_code is Exit.NOT_FINE  # findings of more severe codes explain why there is no verdict
+    broken = [rule for rule in result.manifest.verdict_rules if gives_reasons and rule["result"] in BROKEN]
     reasons = [*dict.fromkeys(f"{rule['station'] or 'run'}: {rule['text']}".rstrip(".") for rule in broken)]
     more = [f"{len(reasons) - REASONS_MOST} more reasons"] if len(reasons) > REASONS_MOST else []
-    return Said(result.exit_code.value, result.manifest.verdict, [*findings, *reasons[:REASONS_MOST], *more], str(result.folder))
+    texts = [*findings, *reasons[:REASONS_MOST], *more]
+    return JobResult(result.exit_code.value, result.manifest.verdict, texts, str(result.folder))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""A batch being carried out: what comes next is asked of the queue, written down, and done, in this order.
+"""Carries out a batch: decide what comes next, write it to the journal, then do it, in this order.
 
-So whatever is killed at whatever moment: what the journal has is what was decided, and the papers of the jobs say how far it came.
+A kill at any moment leaves a journal with every decision; the records of the attempts show how far each one came.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 from jbclog.app.batch.journal import Journal
-from jbclog.app.batch.processes import ENDED_BY, Came, Processes
-from jbclog.app.batch.state import RECORDED, BatchState, Entry, JobState, Kind, Next, State, whats_next
+from jbclog.app.batch.processes import ENDED_BY, AttemptResult, Processes
+from jbclog.app.batch.state import RECORDED, BatchState, Entry, JobState, Kind, Next, State, next_jobs
 from jbclog.config.job_order import OnFailure, Turn
 from jbclog.core.errors import UsageError
 from jbclog.core.outcome import Exit, RunFinding, exit_code
@@ -20,20 +20,20 @@ from jbclog.core.outcome import Exit, RunFinding, exit_code
 LOOK_EVERY_S: Final = 0.2
 
 
-class Shown(Protocol):
-    """Who is shown how a batch goes on. Nothing that it does changes the batch."""
+class BatchObserver(Protocol):
+    """Follows the progress of a batch, and cannot change it."""
 
     def started(self, job: JobState) -> None: ...
 
     def ended(self, job: JobState) -> None: ...
 
-    def told(self, text: str) -> None: ...
+    def message(self, text: str) -> None: ...
 
-    def look(self, standing: BatchState, following: Next) -> None: ...
+    def look(self, state: BatchState, following: Next) -> None: ...
 
 
-class Unseen:
-    """Nobody is shown anything."""
+class NullObserver:
+    """Ignores everything."""
 
     def started(self, job: JobState) -> None:
         return
@@ -41,183 +41,182 @@ class Unseen:
     def ended(self, job: JobState) -> None:
         return
 
-    def told(self, text: str) -> None:
+    def message(self, text: str) -> None:
         return
 
-    def look(self, standing: BatchState, following: Next) -> None:
+    def look(self, state: BatchState, following: Next) -> None:
         return
 
 
 @dataclass(frozen=True, slots=True)
-class Means:
-    """What the executor needs of the world: the time now, seconds since 1970 UTC, and a pause."""
+class Timing:
+    """The current time in seconds since 1970 UTC, and a pause."""
 
     utc: Callable[[], float]
     pause: Callable[[], None]
 
 
 class BatchExecutor:
-    """Carries out the jobs `turns` (in the order of `in_turn`) of the batch whose journal this is. Raises `RecordError`."""
+    """Carries out the jobs `turns` (ordered by `in_turn`) of the batch with this journal. Raises `RecordError`."""
 
-    def __init__(self, turns: Sequence[Turn], journal: Journal, hands: Processes, shown: Shown, means: Means) -> None:
+    def __init__(
+        self, turns: Sequence[Turn], journal: Journal, processes: Processes, observer: BatchObserver, timing: Timing
+    ) -> None:
         self._turns = turns
         self._journal = journal
-        self._hands = hands
-        self._shown = shown
-        self._means = means
+        self._processes = processes
+        self._observer = observer
+        self._timing = timing
         self._signal: signal.Signals | None = None
-        self._asked: set[str] = set()
+        self._ending: set[str] = set()
 
     @property
-    def standing(self) -> BatchState:
-        return self._journal.standing
+    def state(self) -> BatchState:
+        return self._journal.state
 
     def interrupt(self, number: signal.Signals) -> None:
-        """Nothing more begins, and what runs ends in good order. A second signal changes nothing."""
+        """Start no more jobs and end the running ones in good order. A second signal has no effect."""
         if self._signal is None:
             self._signal = number
 
-    def abandon(self) -> None:
-        """Give the batch up for good: a new one is begun in its place. Raises `UsageError` where a job of it still runs."""
+    def discard(self) -> None:
+        """Close the batch permanently; a new one starts in its place. Raises `UsageError` while one of its jobs runs."""
         running = self.settle()
         if running:
-            raise UsageError(
-                f"{', '.join(running)} of the batch of {self.standing.begun} still runs; end it, or go on with the batch"
-            )
-        self._note(Kind.FINISH, "The batch is given up: a new one is begun in its place.")
+            raise UsageError(f"{', '.join(running)} of the batch of {self.state.begun} still runs; end it, or resume the batch")
+        self._note(Kind.FINISH, "Batch discarded: a new one starts in its place.")
 
     def work(self) -> Exit:
-        """Take the batch up and carry it out, as far as it goes; give the exit code of the whole batch."""
+        """Carry out the batch as far as possible; return the exit code of the whole batch."""
         self._take_up()
         while self._step():
-            self._means.pause()
-        self._give_up()
+            self._timing.pause()
+        self._close()
         return self.exit_code()
 
-    # -- before -------------------------------------------------------------------------------------------------------------
+    # -- start --------------------------------------------------------------------------------------------------------------
 
     def _take_up(self) -> None:
-        """Follow what still runs of the last executor's jobs, and write down what has ended."""
+        """Follow the jobs of the previous executor that still run, and write down the results of the others."""
         self.settle()
-        self._note(Kind.SITTING, "The batch is gone on with." if self.standing.sittings else "The batch begins.")
-        for job in self.standing.running():
-            self._shown.told(f"{job.name} still runs, and is followed")
+        self._note(Kind.EXECUTION, "Batch resumed." if self.state.executions else "Batch started.")
+        for job in self.state.running():
+            self._observer.message(f"{job.name} still runs, and is followed")
 
     def settle(self) -> list[str]:
         """Write down the results of jobs that have ended since the last executor ended; return those that still run."""
-        running = self.standing.running()
+        running = self.state.running()
         for job in running:
-            if not self._hands.runs(*_attempt(job)):
+            if not self._processes.runs(*_attempt(job)):
                 self._end(job, self._await(job), is_old=True)
         return [job.name for job in running if job.state is State.RUNNING]
 
-    def _await(self, job: JobState) -> Came:
-        while (came := self._hands.came(*_attempt(job))) is None:
-            self._means.pause()
-        return came
+    def _await(self, job: JobState) -> AttemptResult:
+        while (result := self._processes.result(*_attempt(job))) is None:
+            self._timing.pause()
+        return result
 
-    # -- during -------------------------------------------------------------------------------------------------------------
+    # -- work ---------------------------------------------------------------------------------------------------------------
 
     def _step(self) -> bool:
-        """Do what there is to do now; whether anything can come of waiting."""
-        self._hear()
-        for job in self.standing.running():
+        """Do what is due now; return whether anything is left to wait for."""
+        self._handle_signal()
+        for job in self.state.running():
             self._follow(job)
-        following = whats_next(self._turns, self.standing, self._means.utc())
+        following = next_jobs(self._turns, self.state, self._timing.utc())
         for name, why in following.skip:
             self._note(Kind.SKIP, f"{name} is skipped: {why}.", job=name)
-            self._shown.ended(self.standing.jobs[name])
+            self._observer.ended(self.state.jobs[name])
         for name in following.begin:
-            self._start(self.standing.jobs[name])
-        self._shown.look(self.standing, following)
-        return bool(self.standing.running() or following.begin or following.skip or following.wait)
+            self._start(self.state.jobs[name])
+        self._observer.look(self.state, following)
+        return bool(self.state.running() or following.begin or following.skip or following.wait)
 
-    def _hear(self) -> None:
+    def _handle_signal(self) -> None:
         if self._signal is None:
             return
-        if self.standing.ended_by is None:
-            self._note(Kind.SIGNAL, f"{self._signal.name} received: nothing more begins, and what runs ends with its tools safe.")
-            running = "; the jobs that run make their tools safe and end" if self.standing.running() else ""
-            self._shown.told(f"{self._signal.name}: nothing more begins{running}")
-        for job in self.standing.running():
-            if job.name not in self._asked and self._hands.ask_to_end(*_attempt(job), self._signal):
-                self._asked.add(job.name)
+        if self.state.ended_by is None:
+            self._note(Kind.SIGNAL, f"{self._signal.name} received: no more jobs start, running jobs end with safe tools.")
+            running = "; running jobs make their tools safe and end" if self.state.running() else ""
+            self._observer.message(f"{self._signal.name}: no more jobs start{running}")
+        for job in self.state.running():
+            if job.name not in self._ending and self._processes.request_end(*_attempt(job), self._signal):
+                self._ending.add(job.name)
 
     def _follow(self, job: JobState) -> None:
         attempt = job.attempts[-1]
-        runs = self._hands.runs(*_attempt(job))  # asked first: what it says afterwards is its last word
+        runs = self._processes.runs(*_attempt(job))  # first: what the job wrote before it ended is read after this
         if attempt.run is None:
-            run = self._hands.run(*_attempt(job))
+            run = self._processes.run(*_attempt(job))
             if run is not None:
                 self._note(Kind.RUN, f"{job.name} records into {run}.", job=job.name, attempt=attempt.number, run=run)
         if not runs:
-            came = self._hands.came(*_attempt(job))
-            if came is not None:
-                self._end(job, came)
+            result = self._processes.result(*_attempt(job))
+            if result is not None:
+                self._end(job, result)
 
     def _start(self, job: JobState) -> None:
         number = len(job.attempts) + 1
         self._note(Kind.START, f"{job.name} is started{'' if number == 1 else ' again'}.", job=job.name, attempt=number)
         try:
-            self._hands.start(job.name, number)
+            self._processes.start(job.name, number)
         except OSError as error:
             text = f"it could not be started: {error.strerror or error}"
-            self._end(job, Came(State.FAILED, Exit.RECORD.value, text))
+            self._end(job, AttemptResult(State.FAILED, Exit.RECORD.value, text))
         else:
-            self._shown.started(job)
+            self._observer.started(job)
 
-    def _end(self, job: JobState, came: Came, *, is_old: bool = False) -> None:
-        """Write down what came of a job, and whether it is open again when the batch is gone on with."""
+    def _end(self, job: JobState, result: AttemptResult, *, is_old: bool = False) -> None:
+        """Write down the result of an attempt, and whether a resumed batch starts the job again."""
         self._journal.note(
             Entry(
                 "",
                 Kind.END,
-                came.text,
+                result.text,
                 job.name,
                 job.attempts[-1].number,
-                came.state.value,
-                self._is_again(job, came, is_old=is_old),
-                came.exit_code,
-                came.verdict,
-                None if came.run is None else came.run.name,
+                result.state.value,
+                self._is_again(job, result, is_old=is_old),
+                result.exit_code,
+                result.verdict,
+                None if result.run is None else result.run.name,
             )
         )
-        self._shown.ended(job)
-        is_stopping = self.standing.stopped_by == job.name and self.standing.ended_by is None and not is_old
-        if is_stopping and self.standing.waiting():
-            self._shown.told(f"{job.name} stops the line: nothing more begins, and what runs is let run to its end")
+        self._observer.ended(job)
+        is_stopping = self.state.stopped_by == job.name and self.state.ended_by is None and not is_old
+        if is_stopping and self.state.waiting():
+            self._observer.message(f"{job.name} stops the batch: no more jobs start, running jobs continue to their end")
 
-    def _is_again(self, job: JobState, came: Came, *, is_old: bool) -> bool:
-        """What an interruption or a crash cut off, and what stopped the line; never what was recorded to its end."""
-        if came.state in RECORDED:
+    def _is_again(self, job: JobState, result: AttemptResult, *, is_old: bool) -> bool:
+        """Whether the job was cut off or stopped the batch. False for a job that was recorded to its end."""
+        if result.state in RECORDED:
             return False
-        was_cut_off = self.standing.ended_by is not None or (is_old and (came.state is State.HALF or not came.is_begun))
-        return was_cut_off or self.standing.policies[job.name] is OnFailure.STOP
+        was_cut_off = self.state.ended_by is not None or (is_old and (result.state is State.HALF or not result.is_begun))
+        return was_cut_off or self.state.policies[job.name] is OnFailure.STOP
 
     def _note(self, kind: Kind, text: str, job: str | None = None, attempt: int | None = None, run: str | None = None) -> None:
         self._journal.note(Entry("", kind, text, job, attempt, run=run))
 
-    # -- after --------------------------------------------------------------------------------------------------------------
+    # -- end ----------------------------------------------------------------------------------------------------------------
 
-    def _give_up(self) -> None:
-        standing = self.standing
-        if standing.is_open():
-            why = "The batch was interrupted" if standing.ended_by is not None else f"{standing.stopped_by} stopped the line"
-            self._note(Kind.CLOSE, f"{why}; started again, it goes on.")
+    def _close(self) -> None:
+        if self.state.is_open():
+            why = "Batch interrupted" if self.state.ended_by is not None else f"Batch stopped: {self.state.stopped_by} failed"
+            self._note(Kind.CLOSE, f"{why}. Run the same command to resume.")
 
     def finish(self) -> None:
-        """What came of the jobs has been told; where all have come to their ends the next start begins anew.
+        """Close a batch whose jobs have all ended; the next start begins a new one.
 
-        Not before: killed in between, the next start must tell it and not do it all once more.
+        Call it after the results were shown: after a kill in between, the next start must show them and repeat nothing.
         """
-        if not self.standing.is_open():
-            self._note(Kind.FINISH, "Every job has come to its end.")
+        if not self.state.is_open():
+            self._note(Kind.FINISH, "All jobs have ended.")
 
     def exit_code(self) -> Exit:
-        """The most severe of what came of the jobs, and of the batch that was cut short."""
-        found = list(_findings(self.standing.jobs.values()))
-        if self._signal is not None and self.standing.is_open():
-            found.append(RunFinding(ENDED_BY[self._signal], "the batch was cut short"))
+        """Return the most severe exit code of the jobs and of the interruption, if any."""
+        found = list(_findings(self.state.jobs.values()))
+        if self._signal is not None and self.state.is_open():
+            found.append(RunFinding(ENDED_BY[self._signal], "the batch was interrupted"))
         return exit_code(found)
 
 

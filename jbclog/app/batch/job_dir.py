@@ -34,7 +34,7 @@ NOTES: Final = "notes.txt"
 
 
 @dataclass(frozen=True, slots=True)
-class PortNow:
+class PortProgress:
     """A port as it was last read. None: not known now."""
 
     station: str
@@ -45,19 +45,19 @@ class PortNow:
 
 
 @dataclass(frozen=True, slots=True)
-class Now:
+class JobProgress:
     """How a job stands, told each second. `away` are stations that are not connected; `units` have been finished so far."""
 
     passed_s: float = 0.0
     doing: str = "starting"
     alarms: int = 0
-    ports: list[PortNow] = field(default_factory=list)
+    ports: list[PortProgress] = field(default_factory=list)
     away: list[str] = field(default_factory=list)
     units: int = 0
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class JobResult:
     """The last words of a job: its exit code, and the sentences behind it, the gravest first."""
 
     exit_code: int
@@ -86,7 +86,7 @@ class JobDir:
             raise
         return descriptor
 
-    def is_held(self) -> bool:
+    def is_running(self) -> bool:
         """Whether the job's process lives."""
         return is_locked(self.folder / LOCK)
 
@@ -98,7 +98,7 @@ class JobDir:
 
     # -- the job itself -----------------------------------------------------------------------------------------------------
 
-    def job(self) -> bytes:
+    def spec(self) -> bytes:
         """What it is to do. Raises OSError."""
         return read_foreign(self.folder / JOB, Kind.JOB)
 
@@ -107,24 +107,24 @@ class JobDir:
         """Say in the lock which process holds it."""
         os.pwrite(descriptor, str(os.getpid()).encode(), 0)
 
-    def begun(self, run: Path) -> None:
+    def set_run(self, run: Path) -> None:
         """Its run has a folder; nothing was asked of any station yet. Raises OSError."""
         write_whole(self.folder / RUN, json.dumps({"run": str(run.absolute())}).encode())
 
-    def tell(self, now: Now) -> None:
+    def set_progress(self, progress: JobProgress) -> None:
         """How it stands. Not synced: it is worth nothing after a power cut. Raises OSError."""
         aside = self.folder / f".{NOW}"
-        aside.write_text(json.dumps(asdict(now)), encoding="utf-8")
+        aside.write_text(json.dumps(asdict(progress)), encoding="utf-8")
         aside.replace(self.folder / NOW)
 
-    def happened(self, event: EventRow) -> None:
+    def add_event(self, event: EventRow) -> None:
         """An event of its run, for who looks on; the record has it. Raises OSError."""
         with (self.folder / EVENTS).open("a", encoding="utf-8") as file:
             file.write(json.dumps(event) + "\n")
 
-    def last_words(self, said: Said) -> None:
+    def set_result(self, result: JobResult) -> None:
         """What came of it. Raises OSError."""
-        write_whole(self.folder / SAID, json.dumps(asdict(said)).encode())
+        write_whole(self.folder / SAID, json.dumps(asdict(result)).encode())
 
     # -- who looks on -------------------------------------------------------------------------------------------------------
 
@@ -133,16 +133,16 @@ class JobDir:
         found = self._read(RUN)
         return Path(str(found["run"])) if isinstance(found, dict) and "run" in found else None
 
-    def now(self) -> Now:
+    def progress(self) -> JobProgress:
         """How it stood at last."""
         with contextlib.suppress(Misfit):
-            return cast(Now, build(Now, self._read(NOW)))
-        return Now()
+            return cast(JobProgress, build(JobProgress, self._read(NOW)))
+        return JobProgress()
 
-    def said(self) -> Said | None:
+    def result(self) -> JobResult | None:
         """Its last words; None where it had none."""
         with contextlib.suppress(Misfit):
-            return cast(Said, build(Said, self._read(SAID)))
+            return cast(JobResult, build(JobResult, self._read(SAID)))
         return None
 
     def ended_at(self) -> float | None:
@@ -194,7 +194,7 @@ FEED: Final = (
 )
 
 
-class Carried(LineSource):
+class PrefixedSource(LineSource):
     """A source that first gives a serial which was read from it before."""
 
     def __init__(self, source: LineSource, serial: str) -> None:
@@ -211,9 +211,9 @@ class Carried(LineSource):
         self._source.close()
 
 
-def carried(before: Iterable[JobDir]) -> str | None:
+def unread_serial(before: Iterable[JobDir]) -> str | None:
     """The serial that the last of these jobs read and left to the next; None where there is none, or it is not known."""
-    ended = [papers for papers in before if papers.ended_at() is not None]
-    last = max(ended, key=lambda papers: papers.ended_at() or 0.0, default=None)
+    ended = [job_dir for job_dir in before if job_dir.ended_at() is not None]
+    last = max(ended, key=lambda job_dir: job_dir.ended_at() or 0.0, default=None)
     events = [] if last is None else [event for event in last.events(0)[0] if event.kind in FEED]
     return events[-1].raw if events and events[-1].kind == NEXT else None

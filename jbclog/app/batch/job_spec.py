@@ -1,4 +1,4 @@
-"""From a jobs file to jobs: what each is to do, checked as a whole before the first of them begins."""
+"""Plans the jobs of a jobs file and checks all of them before the first one starts."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _TAG: Final = re.compile(r"--tag (\S+)=…")
 
 @dataclass(frozen=True, slots=True)
 class JobSpec:
-    """A job, where it reads the serials of its units, and the one that was read already."""
+    """A job, its source of unit serials, and the serial that was already read from it."""
 
     job: Job
     units_from: str | None = None
@@ -40,39 +40,39 @@ class JobSpec:
 
 
 @dataclass(frozen=True, slots=True)
-class Orders:
-    """What a jobs file comes to: an order and a turn for each job, in the file's order, and what is in order but worth a note."""
+class BatchPlan:
+    """The jobs of a jobs file in its order: a spec and a turn for each, and notes for the user."""
 
     file: JobsFile
     line: Line
-    orders: dict[str, JobSpec]
+    specs: dict[str, JobSpec]
     turns: tuple[Turn, ...]
     stations: dict[str, tuple[str, ...]]
     notes: tuple[str, ...] = ()
 
 
-def orders_of(file: JobsFile, out: Path) -> Orders:
-    """What the jobs are to do, below `out`. Raises `Problems` with everything that is wrong with any of them (exit 2)."""
+def plan_batch(file: JobsFile, out: Path) -> BatchPlan:
+    """Return the jobs, which record below `out`. Raises `Problems` with all problems of all jobs (exit 2)."""
     line = load_line(file.line)
     problems: list[Problem] = []
     planned: list[Problem] = []
     chosen: dict[str, tuple[str, ...]] = {}
-    orders: dict[str, JobSpec] = {}
+    specs: dict[str, JobSpec] = {}
     notes: dict[str, None] = {}
     for place, job in enumerate(file.jobs):
         known = len(problems)
         chosen[job.name] = tuple(_chosen(file, line, place, job, problems))
-        orders[job.name] = JobSpec(_job(file, job, chosen[job.name], out), file.reader(job))
-        plan = _plan(file, place, orders[job.name], planned) if len(problems) == known else None
-        notes |= dict.fromkeys((*(plan.notes if plan else ()), *_not_there_yet(job.name, orders[job.name])))
+        specs[job.name] = JobSpec(_job(file, job, chosen[job.name], out), file.reader(job))
+        plan = _plan(file, place, specs[job.name], planned) if len(problems) == known else None
+        notes |= dict.fromkeys((*(plan.notes if plan else ()), *_missing_reader(job.name, specs[job.name])))
     if problems or planned:
         raise Problems(shortened([*problems, *_each_once(planned)]))
     turns = tuple(_turn(file, job, chosen[job.name]) for job in file.jobs)
-    return Orders(file, line, orders, turns, chosen, tuple(notes))
+    return BatchPlan(file, line, specs, turns, chosen, tuple(notes))
 
 
 def _chosen(file: JobsFile, line: Line, place: int, job: JobTable, problems: list[Problem]) -> Sequence[str]:
-    """The names of the job's stations, in the line's order."""
+    """Return the names of the job's stations, in the line's order."""
     names = [spec.name for spec in line.stations]
     if job.stations is not None:
         for number, name in enumerate(job.stations):
@@ -85,8 +85,8 @@ def _chosen(file: JobsFile, line: Line, place: int, job: JobTable, problems: lis
     found = [spec.name for spec in line.stations if spec.family in job.families]
     if not found:
         auto = any(spec.family == AUTO for spec in line.stations)
-        text = f"no station of the line {line.name} is of these families"
-        text += '; those that are "auto" are known when they answer: name them in stations' if auto else ""
+        text = f"the line {line.name} has no station of these families"
+        text += '; families of "auto" stations are known only when they answer: name them in stations' if auto else ""
         problems.append(file.problem(place, ("families",), text))
     return found
 
@@ -104,7 +104,7 @@ def _job(file: JobsFile, job: JobTable, stations: Sequence[str], out: Path) -> J
         job.tips,
         reads_units=job.units_from is not None,
     )
-    wanted = RunOptions(
+    options = RunOptions(
         file.line,
         file.recipe(job),
         tuple(stations),
@@ -117,21 +117,21 @@ def _job(file: JobsFile, job: JobTable, stations: Sequence[str], out: Path) -> J
         until_units=job.units,
         until_joints=job.joints,
     )
-    return Job(wanted, out.absolute(), job.name)
+    return Job(options, out.absolute(), job.name)
 
 
 def _rate(value: object) -> float | str | None:
     return float(value) if isinstance(value, int | float) else cast(str | None, value)
 
 
-def _plan(file: JobsFile, place: int, order: JobSpec, problems: list[Problem]) -> Plan | None:
-    """Everything that can be known to be wrong with a job, with its place in the jobs file."""
-    source = order.units_from
+def _plan(file: JobsFile, place: int, spec: JobSpec, problems: list[Problem]) -> Plan | None:
+    """Return the plan of a job; adds its problems, each with its place in the jobs file."""
+    source = spec.units_from
     if source is not None and is_plain_file(source):
-        text = f'"{source}" is a plain file, whose lines do not come one after the other; give them as serials = [...]'
+        text = f'"{source}" is a regular file: its lines arrive all at once; list them as serials = [...]'
         problems.append(file.problem(place, ("units_from",), text))
     try:
-        return order.job.plan()
+        return spec.job.plan()
     except Problems as error:
         problems += [file.problem(place, (), in_keys(str(problem))) for problem in error.problems]
     except UsageError as error:
@@ -139,14 +139,14 @@ def _plan(file: JobsFile, place: int, order: JobSpec, problems: list[Problem]) -
     return None
 
 
-def _not_there_yet(name: str, order: JobSpec) -> list[str]:
-    """A reader may be plugged in until its job begins, as a station may; who starts a night wants to know it before."""
-    source = order.units_from
-    return [] if source is None or Path(source).exists() else [f"{name}: its reader {source} is not there yet"]
+def _missing_reader(name: str, spec: JobSpec) -> list[str]:
+    """Return a note if the reader of a job is missing: it may still be plugged in before the job starts."""
+    source = spec.units_from
+    return [] if source is None or Path(source).exists() else [f"{name}: its reader {source} is not connected yet"]
 
 
 def in_keys(text: str) -> str:
-    """A sentence about what a run was not told, with the keys of a jobs file for the options of the command line."""
+    """Replace the options of the command line in a message by the keys of a jobs file."""
     text = _TAG.sub(r'tags = { \1 = "…" }', text)
     for option, key in KEYS.items():
         text = text.replace(f"{option} …", key)
@@ -154,7 +154,7 @@ def in_keys(text: str) -> str:
 
 
 def _each_once(problems: list[Problem]) -> list[Problem]:
-    """What is wrong with a recipe is wrong with each job that has it, and told of the first."""
+    """Keep the first of equal problems: a mistake in a recipe shows in each job with that recipe."""
     first: dict[str, Problem] = {}
     for problem in problems:
         first.setdefault(problem.text, problem)

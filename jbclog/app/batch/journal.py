@@ -17,7 +17,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final, cast
 
-from jbclog.app.batch.state import BatchState, Entry, Kind, standing_of
+from jbclog.app.batch.state import BatchState, Entry, Kind, batch_state
 from jbclog.core.durable_files import add_line, chain_in, fields_of, line_of, sha256, sync_folder, write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind as FileKind
@@ -31,8 +31,8 @@ SUFFIX: Final = ".batch"
 FIRST: Final = sha256(NAME.encode())
 STAMP: Final = "%Y%m%dT%H%M%SZ"
 CUT_OFF: Final = "cut off"
-WAY_OUT: Final = "Put it right from a copy, or move {} aside and begin anew"
-AT_A_LOSS: Final = "nothing more begins. Jobs that run go on, and end by themselves; started again, the batch goes on"
+WAY_OUT: Final = "Restore it from a copy, or move {} elsewhere and start a new batch"
+AT_A_LOSS: Final = "no more jobs start. Running jobs continue to their end. Run the same command to resume"
 
 
 def home_of(out: Path, jobs_file: Path) -> Path:
@@ -50,11 +50,11 @@ class Journal:
 
     def __init__(self, folder: Path, utc: Callable[[], float], entries: list[Entry] | None = None) -> None:
         self.folder = folder
-        self.standing: BatchState = standing_of(entries or ())
+        self.state: BatchState = batch_state(entries or ())
         self._utc = utc
 
     def note(self, entry: Entry) -> None:
-        """Put it down, for good, before anything is done about it. Raises `RecordError`."""
+        """Write an entry and sync it, before its action is taken. Raises `RecordError`."""
         kept: list[Entry] = []
 
         def made(seq: int, previous: str) -> bytes:
@@ -66,7 +66,7 @@ class Journal:
         except OSError as error:
             text = f"{self.folder / NAME} cannot be written: {error.strerror or error}; {AT_A_LOSS}"
             raise RecordError(text) from error
-        self.standing.take(kept[-1])
+        self.state.take(kept[-1])
 
 
 def begin(home: Path, text: str, utc: Callable[[], float]) -> Journal:
@@ -91,7 +91,7 @@ def newest(home: Path, utc: Callable[[], float]) -> Journal | None:
     for folder in sorted((path for path in home.glob("*Z*") if path.is_dir()), key=lambda path: path.name, reverse=True):
         entries = read(folder)
         _expect_all(folder, entries)
-        if any(entry.kind == Kind.SITTING for entry in entries):
+        if any(entry.kind == Kind.EXECUTION for entry in entries):
             return Journal(folder, utc, entries)
     return None
 
@@ -101,7 +101,7 @@ def _expect_all(folder: Path, entries: list[Entry]) -> None:
     known = {f"{entry.job}-{entry.attempt}" for entry in entries if entry.kind == Kind.START}
     unknown = sorted(path.name for path in (folder / JOBS).glob("*") if path.name not in known)
     if unknown:
-        text = f"says nothing of jobs/{unknown[0]}, which was started: lines of it are gone; nothing was started"
+        text = f"has no entry for jobs/{unknown[0]}, which was started: entries are missing; nothing was started"
         raise RecordError(f"{folder / NAME}: {text}. {WAY_OUT.format(folder)}")
 
 

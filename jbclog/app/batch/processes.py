@@ -1,7 +1,7 @@
-"""The processes of jobs: started, found again, asked to end, and what came of those that ended.
+"""Starts, finds, ends and evaluates the processes of jobs.
 
-What came of a job is known by its run's manifest: sealed, or recovered here where the process died. A process that died before
-its run had a folder has touched no station.
+The result of a job is in its run's manifest: sealed, or recovered here if the process died. A process that died before its run
+had a folder has touched no station.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Protocol
 
-from jbclog.app.batch.child import ORDER
-from jbclog.app.batch.job_dir import NOTES, JobDir, carried
+from jbclog.app.batch.child import SPEC
+from jbclog.app.batch.job_dir import NOTES, JobDir, unread_serial
 from jbclog.app.batch.job_spec import JobSpec
 from jbclog.app.batch.state import State
 from jbclog.app.run.plan import Metadata
@@ -34,8 +34,8 @@ RECOVERING_MOST: Final = 4  # at once
 
 
 @dataclass(frozen=True, slots=True)
-class Came:
-    """What came of an attempt. `is_begun`: its run has a folder, and stations may have been touched."""
+class AttemptResult:
+    """The result of an attempt at a job."""
 
     state: State
     exit_code: int
@@ -45,55 +45,56 @@ class Came:
 
     @property
     def is_begun(self) -> bool:
+        """Whether its run has a folder; stations may have been touched."""
         return self.run is not None
 
 
 class Processes(Protocol):
-    """How the executor acts on processes; a test has others."""
+    """Starts and ends the processes of a batch; tests have their own."""
 
     def start(self, name: str, attempt: int) -> None:
         """Start the job. Raises OSError."""
 
     def runs(self, name: str, attempt: int) -> bool:
-        """Whether its process lives."""
+        """Return whether its process is alive."""
 
     def run(self, name: str, attempt: int) -> str | None:
-        """The name of its run's folder, as soon as it has one."""
+        """Return the name of its run's folder once there is one."""
 
-    def ask_to_end(self, name: str, attempt: int, number: signal.Signals) -> bool:
-        """Have it end in good order; False where it cannot be told yet."""
+    def request_end(self, name: str, attempt: int, number: signal.Signals) -> bool:
+        """Ask it to end in good order; False if it cannot take signals yet."""
 
-    def came(self, name: str, attempt: int) -> Came | None:
-        """What came of it, when it does not run any more; None while that is being found out."""
+    def result(self, name: str, attempt: int) -> AttemptResult | None:
+        """Return the result of an attempt that has ended; None while it is being evaluated."""
 
 
 class SystemProcesses:
-    """Processes of this computer, with their papers below `folder`."""
+    """Processes of this computer, with the folders of their jobs below `folder`."""
 
-    def __init__(self, folder: Path, orders: dict[str, JobSpec]) -> None:
+    def __init__(self, folder: Path, specs: dict[str, JobSpec]) -> None:
         self._folder = folder
-        self._orders = orders
+        self._specs = specs
         self._children: dict[Path, subprocess.Popen[bytes]] = {}
         self._pool = ThreadPoolExecutor(RECOVERING_MOST, "recover")
-        self._coming: dict[Path, Future[Came]] = {}
-        self._told: dict[Path, signal.Signals] = {}
+        self._results: dict[Path, Future[AttemptResult]] = {}
+        self._signals: dict[Path, signal.Signals] = {}
         self._recorded: dict[Path, Path] = {}
 
-    def papers(self, name: str, attempt: int) -> JobDir:
+    def job_dir(self, name: str, attempt: int) -> JobDir:
         return JobDir(self._folder / "jobs" / f"{name}-{attempt}")
 
-    def remember(self, name: str, attempt: int, run: Path) -> None:
-        """The journal knows its run's folder, should its papers be gone."""
-        self._recorded[self.papers(name, attempt).folder] = run
+    def set_recorded_run(self, name: str, attempt: int, run: Path) -> None:
+        """Set the run that the journal has for an attempt, in case the job's folder is gone."""
+        self._recorded[self.job_dir(name, attempt).folder] = run
 
     def start(self, name: str, attempt: int) -> None:
-        papers = self.papers(name, attempt)
-        descriptor = papers.make(ORDER.dump_json(signed(self._order(name), papers)))
+        job_dir = self.job_dir(name, attempt)
+        descriptor = job_dir.make(SPEC.dump_json(tagged(self._spec(name), job_dir)))
         try:
-            with (papers.folder / NOTES).open("ab") as notes:
-                # -P: a file of the user's in the current folder must not pass for a module
-                command = [sys.executable, "-P", "-m", "jbclog.app.batch.child", str(papers.folder.absolute()), str(descriptor)]
-                self._children[papers.folder] = subprocess.Popen(
+            with (job_dir.folder / NOTES).open("ab") as notes:
+                # -P: a user's file in the current folder must not be imported as a module
+                command = [sys.executable, "-P", "-m", "jbclog.app.batch.child", str(job_dir.folder.absolute()), str(descriptor)]
+                self._children[job_dir.folder] = subprocess.Popen(
                     command,
                     stdin=subprocess.DEVNULL,
                     stdout=notes,
@@ -104,62 +105,62 @@ class SystemProcesses:
         finally:
             os.close(descriptor)
 
-    def _order(self, name: str) -> JobSpec:
-        """With the serial that the last job at its reader left to it."""
-        order = self._orders[name]
-        same = [other for other, one in self._orders.items() if one.units_from == order.units_from]
-        if order.units_from is None:
-            return order
+    def _spec(self, name: str) -> JobSpec:
+        """Return the job with the serial that the previous job at its reader has left."""
+        spec = self._specs[name]
+        if spec.units_from is None:
+            return spec
+        same = [other for other, one in self._specs.items() if one.units_from == spec.units_from]
         before = [JobDir(path) for path in (self._folder / "jobs").glob("*") if path.name.rpartition("-")[0] in same]
-        return replace(order, first_unit=carried(before))
+        return replace(spec, first_unit=unread_serial(before))
 
     def runs(self, name: str, attempt: int) -> bool:
-        papers = self.papers(name, attempt)
-        child = self._children.get(papers.folder)
+        job_dir = self.job_dir(name, attempt)
+        child = self._children.get(job_dir.folder)
         if child is not None:
             return child.poll() is None
-        return papers.is_held()
+        return job_dir.is_running()
 
     def run(self, name: str, attempt: int) -> str | None:
-        run = self.papers(name, attempt).run()
+        run = self.job_dir(name, attempt).run()
         return None if run is None else run.name
 
-    def ask_to_end(self, name: str, attempt: int, number: signal.Signals) -> bool:
-        papers = self.papers(name, attempt)
-        child = self._children.get(papers.folder)
-        sent = signal.SIGTERM if number is signal.SIGHUP else number  # a job of a batch under `nohup` hears no SIGHUP
+    def request_end(self, name: str, attempt: int, number: signal.Signals) -> bool:
+        job_dir = self.job_dir(name, attempt)
+        child = self._children.get(job_dir.folder)
+        sent = signal.SIGTERM if number is signal.SIGHUP else number  # jobs of a batch under `nohup` ignore SIGHUP
         if child is not None:
             child.send_signal(sent)
-            self._told[papers.folder] = number
+            self._signals[job_dir.folder] = number
             return True
-        process = papers.process()
-        if process is None or not papers.is_held():
+        process = job_dir.process()
+        if process is None or not job_dir.is_running():
             return False
         with suppress(OSError):
             os.kill(process, sent)
-            self._told[papers.folder] = number
+            self._signals[job_dir.folder] = number
         return True
 
-    def came(self, name: str, attempt: int) -> Came | None:
-        papers = self.papers(name, attempt)
-        if papers.folder not in self._coming:
-            told, run = self._told.get(papers.folder), self._recorded.get(papers.folder)
-            self._coming[papers.folder] = self._pool.submit(came_of, papers, told, run)
-        future = self._coming[papers.folder]
+    def result(self, name: str, attempt: int) -> AttemptResult | None:
+        job_dir = self.job_dir(name, attempt)
+        if job_dir.folder not in self._results:
+            number, run = self._signals.get(job_dir.folder), self._recorded.get(job_dir.folder)
+            self._results[job_dir.folder] = self._pool.submit(result_of, job_dir, number, run)
+        future = self._results[job_dir.folder]
         if not future.done():
             return None
         try:
             return future.result()
-        except Exception as error:  # of this program: nothing is known of the tools, and the other jobs go on
-            text = f"what came of it could not be found out, {unexpected_error_text(error)}"
-            return Came(State.HALF, Unsafe.exit_code, text, papers.run())
+        except Exception as error:  # an internal error: the state of the tools is unknown, and the other jobs continue
+            text = f"its result could not be determined, {unexpected_error_text(error)}"
+            return AttemptResult(State.HALF, Unsafe.exit_code, text, job_dir.run())
 
-    def peek(self, name: str, attempt: int) -> str:
-        """What will be done about an attempt that the journal has running; nothing is done about it."""
-        papers = self.papers(name, attempt)
-        if papers.is_held():
-            return f"still runs (process {papers.process() or 'just starting'}): it is followed"
-        run = papers.run() or self._recorded.get(papers.folder)
+    def next_step(self, name: str, attempt: int) -> str:
+        """Describe what `settle` would do with an attempt that the journal has as running; changes nothing."""
+        job_dir = self.job_dir(name, attempt)
+        if job_dir.is_running():
+            return f"still runs (process {job_dir.process() or 'just starting'}): it is followed"
+        run = job_dir.run() or self._recorded.get(job_dir.folder)
         if run is None:
             return "had not begun: it is started"
         ended = _ended(run)
@@ -168,60 +169,63 @@ class SystemProcesses:
         return f"ended meanwhile with exit code {ended.exit_code} ({run.name})"
 
 
-def came_of(papers: JobDir, told: signal.Signals | None = None, recorded: Path | None = None) -> Came:
-    """What came of an attempt whose process is gone; its run is recovered where that is needed.
+def result_of(job_dir: JobDir, number: signal.Signals | None = None, recorded: Path | None = None) -> AttemptResult:
+    """Return the result of an attempt whose process has ended; recovers its run if necessary.
 
-    `told` is the signal that it was asked to end by, `recorded` the run that the journal has of it.
+    `number` is the signal that asked it to end, `recorded` the run that the journal has for it.
     """
-    run, said = papers.run() or recorded, papers.said()
-    if run is None and said is not None and said.run is not None:
-        run = Path(said.run)
-    run = run or _unnamed(papers)
+    run, reported = job_dir.run() or recorded, job_dir.result()
+    if run is None and reported is not None and reported.run is not None:
+        run = Path(reported.run)
+    run = run or _tagged_run(job_dir)
     if run is None:
-        if said is not None:
-            return Came(State.FAILED, said.exit_code, "; ".join(said.findings))
-        if told is not None:
-            return Came(State.HALF, ENDED_BY[told].value, f"{told.name} ended it before its run began; no station was touched")
-        why = papers.last_note()
-        return Came(State.FAILED, Exit.RECORD.value, f"its process ended before its run began{f': {why}' if why else ''}")
+        if reported is not None:
+            return AttemptResult(State.FAILED, reported.exit_code, "; ".join(reported.findings))
+        if number is not None:
+            text = f"{number.name} ended it before its run began; no station was touched"
+            return AttemptResult(State.HALF, ENDED_BY[number].value, text)
+        why = job_dir.last_note()
+        text = f"its process ended before its run began{f': {why}' if why else ''}"
+        return AttemptResult(State.FAILED, Exit.RECORD.value, text)
     ended = _ended(run)
     if ended is None:
         return _recovered(run)
-    if said is None:
+    if reported is None:
         with suppress(RecordError):
-            recover(run)  # sealed, but its process may have died before it had cleared up
-    if ended.exit_status == Status.LOST:  # somebody else has recovered it
-        return Came(State.HALF, ended.exit_code or RecordError.exit_code, "its process died while it ran", run, ended.verdict)
-    if said is not None:
-        return _told(said.exit_code, "; ".join(said.findings), run, said.verdict)
-    return _told(ended.exit_code or 0, "", run, ended.verdict)
+            recover(run)  # sealed, but the process may have died before it removed the live store
+    if ended.exit_status == Status.LOST:  # recovered by somebody else
+        code = ended.exit_code or RecordError.exit_code
+        return AttemptResult(State.HALF, code, "its process died while it ran", run, ended.verdict)
+    if reported is not None:
+        return _by_code(reported.exit_code, "; ".join(reported.findings), run, reported.verdict)
+    return _by_code(ended.exit_code or 0, "", run, ended.verdict)
 
 
-def signed(order: JobSpec, papers: JobDir) -> JobSpec:
-    """The order with the attempt in its run's tags: by it the run is known, also one whose papers do not name it yet."""
-    wanted = order.job.wanted
-    said = wanted.metadata or Metadata()
-    said = replace(said, tags=said.tags | {ATTEMPT: _attempt(papers)})
-    return replace(order, job=replace(order.job, wanted=replace(wanted, metadata=said)))
+def tagged(spec: JobSpec, job_dir: JobDir) -> JobSpec:
+    """Return the job with its attempt as a tag of the run, by which the run is found even if the job's folder lacks its name."""
+    options = spec.job.wanted
+    metadata = options.metadata or Metadata()
+    metadata = replace(metadata, tags=metadata.tags | {ATTEMPT: _attempt(job_dir)})
+    return replace(spec, job=replace(spec.job, wanted=replace(options, metadata=metadata)))
 
 
-def _attempt(papers: JobDir) -> str:
-    """Such as ``20261122T004342Z/warm-up-1``: the batch's start, the job, and which try at it."""
-    return f"{papers.folder.parent.parent.name}/{papers.folder.name}"
+def _attempt(job_dir: JobDir) -> str:
+    """Return batch start, job and attempt, such as ``20261122T004342Z/warm-up-1``."""
+    return f"{job_dir.folder.parent.parent.name}/{job_dir.folder.name}"
 
 
-def _unnamed(papers: JobDir) -> Path | None:
-    """The run of a process that died after it had made its folder and before its papers named it."""
+def _tagged_run(job_dir: JobDir) -> Path | None:
+    """Return the run of a process that died between making the run's folder and reporting it."""
     try:
-        out = ORDER.validate_json(papers.job()).job.out
-        found = find(out, Filter(tags={ATTEMPT: _attempt(papers)}))
+        out = SPEC.validate_json(job_dir.spec()).job.out
+        found = find(out, Filter(tags={ATTEMPT: _attempt(job_dir)}))
         return next((run.folder for run in found if isinstance(run, Found)), None)
     except (OSError, ValueError, RecordError):
         return None
 
 
 def _ended(run: Path) -> Manifest | None:
-    """The manifest of a run that came to its end; None where it has to be recovered."""
+    """Return the manifest of a sealed run; None for a run that needs recovery."""
     try:
         manifest = read_manifest(run)
     except RecordError:
@@ -229,21 +233,21 @@ def _ended(run: Path) -> Manifest | None:
     return manifest if manifest.state == "sealed" else None
 
 
-def _told(code: int, text: str, run: Path, verdict: str | None) -> Came:
+def _by_code(code: int, text: str, run: Path, verdict: str | None) -> AttemptResult:
     states = {Exit.FINE.value: State.DONE, Exit.NOT_FINE.value: State.NOT_FINE}
     state = State.HALF if code in CUT_SHORT else states.get(code, State.FAILED)
     if state is State.NOT_FINE and not text:
         text = f"the verdict is {verdict}"
-    return Came(state, code, text, run, verdict)
+    return AttemptResult(state, code, text, run, verdict)
 
 
-def _recovered(run: Path) -> Came:
+def _recovered(run: Path) -> AttemptResult:
     try:
         done = recover(run)
     except RecordError as error:
         text = f"its process died, and its run could not be recovered: {error}"
-        return Came(State.HALF, Unsafe.exit_code, text, run)
+        return AttemptResult(State.HALF, Unsafe.exit_code, text, run)
     manifest = _ended(run)
     code = RecordError.exit_code if done.is_safe else Unsafe.exit_code
-    verdict = None if manifest is None else manifest.verdict
-    return Came(State.HALF, code, f"its process died while it ran; what it had recorded is sealed. {done.text}", run, verdict)
+    text = f"its process died while it ran; what it had recorded is sealed. {done.text}"
+    return AttemptResult(State.HALF, code, text, run, None if manifest is None else manifest.verdict)

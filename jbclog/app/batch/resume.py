@@ -1,4 +1,4 @@
-"""From a jobs file to an executor at work: resumes a batch that was not finished, else begins a new one."""
+"""Prepares a batch from a jobs file: resumes an unfinished one, else begins a new one."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from jbclog.app.batch.executor import BatchExecutor, Means, Shown, Unseen
-from jbclog.app.batch.job_spec import Orders
+from jbclog.app.batch.executor import BatchExecutor, BatchObserver, NullObserver, Timing
+from jbclog.app.batch.job_spec import BatchPlan
 from jbclog.app.batch.journal import JOBS_FILE, Journal, begin, home_of, iso, newest
 from jbclog.app.batch.processes import SystemProcesses
 from jbclog.app.batch.state import BatchState, Entry, JobState, Kind, State
@@ -23,77 +23,77 @@ SHOWN_CHANGES: Final = 20
 
 
 @dataclass(frozen=True, slots=True)
-class Shift:
-    """A batch, ready to be carried out. `is_new`: it begins; else it is gone on with."""
+class PreparedBatch:
+    """A batch, ready to be carried out. `is_new`: it begins; else it is resumed."""
 
-    orders: Orders
+    plan: BatchPlan
     journal: Journal
-    hands: SystemProcesses
+    processes: SystemProcesses
     turns: tuple[Turn, ...]
     is_new: bool
 
     @property
-    def standing(self) -> BatchState:
-        return self.journal.standing
+    def state(self) -> BatchState:
+        return self.journal.state
 
-    def executor(self, shown: Shown, means: Means) -> BatchExecutor:
-        return BatchExecutor(self.turns, self.journal, self.hands, shown, means)
+    def executor(self, observer: BatchObserver, timing: Timing) -> BatchExecutor:
+        return BatchExecutor(self.turns, self.journal, self.processes, observer, timing)
 
-    def what_will_be_done(self) -> Iterator[tuple[JobState, str]]:
-        """Each job and what becomes of it, in the file's order. Nothing is done about any of it."""
-        for name in self.orders.orders:
-            job = self.standing.jobs[name]
-            yield job, self._of(job)
+    def next_steps(self) -> Iterator[tuple[JobState, str]]:
+        """Yield each job with its next step, in the order of the jobs file; changes nothing."""
+        for name in self.plan.specs:
+            job = self.state.jobs[name]
+            yield job, self._next_step(job)
 
-    def _of(self, job: JobState) -> str:
+    def _next_step(self, job: JobState) -> str:
         if job.last is None or job.state in (State.WAITING, State.SKIPPED):
             return "stays skipped" if job.state is State.SKIPPED else "waits for its turn"
         if job.state is State.RUNNING:
-            return self.hands.peek(job.name, job.last.number)
+            return self.processes.next_step(job.name, job.last.number)
         if job.last.again:
             return f"was {job.state.value}: it is done again, as a new run"
         return f"stays {job.state.value}"
 
 
-def take(orders: Orders, out: Path, means: Means, zone: Zone, *, resume: bool, anew: bool) -> Shift:
-    """The batch of this jobs file below `out`, which the caller holds (`hold`).
+def prepare(plan: BatchPlan, out: Path, timing: Timing, zone: Zone, *, resume: bool, anew: bool) -> PreparedBatch:
+    """Return the batch of this jobs file below `out`, whose lock the caller holds (`hold`).
 
-    Raises `UsageError` where the one that is not finished was asked for otherwise than the file asks now, or where there is none
-    that could be gone on with; `Problems` where a date is over; `RecordError`.
+    Raises `UsageError` if the jobs file has changed since an unfinished batch began, or if there is none to resume;
+    `Problems` if a date has passed; `RecordError`.
     """
-    home = home_of(out, orders.file.path)
-    last = newest(home, means.utc)
-    if last is not None and not last.standing.is_finished:
+    home = home_of(out, plan.file.path)
+    last = newest(home, timing.utc)
+    if last is not None and not last.state.is_finished:
         if not anew:
-            _expect_same(orders, last)
-            return _shift(orders, last, is_new=False)
-        _shift(orders, last, is_new=False).executor(Unseen(), means).abandon()
+            _expect_same(plan, last)
+            return _prepared(plan, last, is_new=False)
+        _prepared(plan, last, is_new=False).executor(NullObserver(), timing).discard()
     if resume:
-        ended = "none was begun" if last is None else f"the last one was finished at {last.standing.last}"
-        raise UsageError(f"{orders.file.path}: there is no batch to go on with, {ended}; without --resume a new one begins")
-    return _shift(orders, _begin(orders, home, means, zone), is_new=True)
+        ended = "none has begun" if last is None else f"the last one finished at {last.state.last}"
+        raise UsageError(f"{plan.file.path}: no batch to resume, {ended}; leave out --resume to start a new one")
+    return _prepared(plan, _begin(plan, home, timing, zone), is_new=True)
 
 
-def _shift(orders: Orders, journal: Journal, *, is_new: bool) -> Shift:
-    hands = SystemProcesses(journal.folder, orders.orders)
-    for job in journal.standing.running():
+def _prepared(plan: BatchPlan, journal: Journal, *, is_new: bool) -> PreparedBatch:
+    processes = SystemProcesses(journal.folder, plan.specs)
+    for job in journal.state.running():
         if job.last is not None and job.last.run is not None:
-            hands.remember(job.name, job.last.number, journal.folder.parent.parent / job.last.run)
-    return Shift(orders, journal, hands, tuple(in_turn(orders.turns)), is_new)
+            processes.set_recorded_run(job.name, job.last.number, journal.folder.parent.parent / job.last.run)
+    return PreparedBatch(plan, journal, processes, tuple(in_turn(plan.turns)), is_new)
 
 
-def _begin(orders: Orders, home: Path, means: Means, zone: Zone) -> Journal:
-    """Everything that is asked goes into the journal, with the moments that jobs wait for: they stay what they are."""
-    file, turns = orders.file, in_turn(orders.turns)
-    due = due_times(turns, means.utc(), zone)
+def _begin(plan: BatchPlan, home: Path, timing: Timing, zone: Zone) -> Journal:
+    """Begin a batch: the journal gets the settings of each job and its start time, which stay fixed from then on."""
+    file, turns = plan.file, in_turn(plan.turns)
+    due = due_times(turns, timing.utc(), zone)
     problems = [
-        file.problem(place, ("at",), f'"{job.at}" is over; give a later time, or none')
+        file.problem(place, ("at",), f'"{job.at}" has passed; give a later time, or none')
         for place, job in enumerate(file.jobs)
         if job.name in due and due[job.name] is None
     ]
     if problems:
         raise Problems(problems)
-    journal = begin(home, file.source.text, means.utc)
+    journal = begin(home, file.source.text, timing.utc)
     path = os.path.realpath(file.path)
     journal.note(Entry("", Kind.BEGIN, f"A batch of {len(turns)} job{'' if len(turns) == 1 else 's'}.", asked=path))
     for job in file.jobs:
@@ -103,43 +103,43 @@ def _begin(orders: Orders, home: Path, means: Means, zone: Zone) -> Journal:
     return journal
 
 
-# -- a file that was changed meanwhile ----------------------------------------------------------------------------------------
+# -- changes of the jobs file -------------------------------------------------------------------------------------------------
 
 
-def _expect_same(orders: Orders, journal: Journal) -> None:
-    """Raise `UsageError` where what is to be gone on with is not what the file asks for now."""
-    file, before = orders.file, journal.standing
+def _expect_same(plan: BatchPlan, journal: Journal) -> None:
+    """Raise `UsageError` if the jobs file differs from the one of the unfinished batch."""
+    file, before = plan.file, journal.state
     kept = journal.folder / JOBS_FILE
-    way = f"`{ANEW}` gives it up and begins anew with the file as it is; or put the file back as it was: {shlex.quote(str(kept))}"
+    way = f"`{ANEW}` discards it and starts a new one; or restore the jobs file: {shlex.quote(str(kept))}"
     if before.file != os.path.realpath(file.path):
-        held = f"{journal.folder.parent} holds a batch of {before.file} that is not finished"
-        raise UsageError(f"{held}. {ANEW} gives it up; or take another --out")
+        held = f"{journal.folder.parent} has an unfinished batch of {before.file}"
+        raise UsageError(f"{held}. {ANEW} discards it; or use another --out")
     now = {job.name: file.asked(job) for job in file.jobs}
     changes = list(_changes({name: job.asked for name, job in before.jobs.items()}, now))
     if changes:
-        head = f"the batch of {before.begun} is not finished, and what it was asked for has changed since"
+        head = f"the batch of {before.begun} is not finished, and its jobs file has changed since"
         texts = [head, *changes[:SHOWN_CHANGES], f"Nothing was started. {way}"]
         raise Problems([Problem(str(file.path), None, "", text) for text in texts])
 
 
 def _changes(before: dict[str, str], now: dict[str, str]) -> Iterator[str]:
-    """A sentence for each difference."""
+    """Yield a sentence for each difference."""
     for name in [*before, *(name for name in now if name not in before)]:
         if name not in now:
-            yield f"job {name} is gone"
+            yield f"job {name} was removed"
         elif name not in before:
             yield f"job {name} is new"
         else:
-            yield from _between(name, json.loads(before[name]), json.loads(now[name]))
+            yield from _differences(name, json.loads(before[name]), json.loads(now[name]))
     if [*before] != [*now] and set(before) == set(now):
-        yield "the jobs are in another order"
+        yield "the order of the jobs has changed"
 
 
-def _between(name: str, before: dict[str, object], now: dict[str, object]) -> Iterator[str]:
+def _differences(name: str, before: dict[str, object], now: dict[str, object]) -> Iterator[str]:
     for key in [*before, *(key for key in now if key not in before)]:
         if before.get(key) != now.get(key):
-            yield f"job {name}: {key} was {_said(before.get(key))} and is {_said(now.get(key))}"
+            yield f"job {name}: {key} was {_shown(before.get(key))} and is {_shown(now.get(key))}"
 
 
-def _said(value: object) -> str:
+def _shown(value: object) -> str:
     return "not given" if value is None else json.dumps(value, ensure_ascii=False)

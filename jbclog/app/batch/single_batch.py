@@ -1,4 +1,4 @@
-"""One executor for a jobs file, and never a second: locks of the system, which end with their holder."""
+"""Locks that allow one executor for a jobs file; the system releases them when their holder ends."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ TAKEN: Final = (errno.EWOULDBLOCK, errno.EACCES)
 
 @contextmanager
 def hold(home: Path, jobs_file: Path, since: str) -> Iterator[None]:
-    """Hold the batches in `home`, made where it is not there, and their jobs file.
+    """Lock the batches in `home`, created if missing, and their jobs file.
 
-    Raises `UsageError` that says who holds them, `RecordError` where the disk takes no folder.
+    Raises `UsageError` naming the holder, `RecordError` if the folder cannot be created.
     """
     try:
         if not home.is_dir():
@@ -33,13 +33,13 @@ def hold(home: Path, jobs_file: Path, since: str) -> Iterator[None]:
             sync_folder(home.absolute().parent)
         descriptor = os.open(home / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
     except OSError as error:
-        raise RecordError(f"{home} cannot hold the batch's journal: {error.strerror or error}; nothing was started") from error
+        raise RecordError(f"{home} cannot be created or locked: {error.strerror or error}; nothing was started") from error
     try:
         if not _lock(descriptor):
-            raise UsageError(f"{jobs_file}: {_holder(home)}; nothing was started. It shows how the batch stands; end it there")
+            raise UsageError(f"{jobs_file}: {_holder(home)}; nothing was started. End it there, or wait for its end")
         with open_foreign(jobs_file, Kind.SETTINGS, links=True) as file:
             if not _lock(file.fileno()):
-                raise UsageError(f"{jobs_file}: another batch of it goes on, with another --out; nothing was started")
+                raise UsageError(f"{jobs_file}: another batch of this file runs with another --out; nothing was started")
             os.pwrite(descriptor, json.dumps({"pid": os.getpid(), "since": since}).ljust(WIDTH).encode(), 0)
             yield
     finally:
@@ -47,7 +47,7 @@ def hold(home: Path, jobs_file: Path, since: str) -> Iterator[None]:
 
 
 def _lock(descriptor: int) -> bool:
-    """Whether it could be had; where a disk knows no locks there is none to be had, and nobody who has it."""
+    """Lock the file; False if another process holds it. A file system without locks counts as locked."""
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError as error:
@@ -57,6 +57,6 @@ def _lock(descriptor: int) -> bool:
 
 def _holder(home: Path) -> str:
     with suppress(OSError, ValueError, KeyError, TypeError):
-        said = read_json(home / LOCK, Kind.LOCK)
-        return f"process {said['pid']} is carrying it out since {said['since']}"
-    return "another process is carrying it out"
+        holder = read_json(home / LOCK, Kind.LOCK)
+        return f"process {holder['pid']} has been running it since {holder['since']}"
+    return "another process is running it"

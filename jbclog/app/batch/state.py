@@ -1,4 +1,4 @@
-"""How a batch stands by the lines of its journal, and what may begin now."""
+"""The state of a batch by its journal, and which jobs may start now."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from enum import StrEnum
 
 from jbclog.config.job_order import OnFailure, Turn
 
-# -- entry --------------------------------------------------------------------------------------------------------------------
-# The lines of a batch's journal: what was decided, before it is done, and what came of it.
+# -- journal entries ----------------------------------------------------------------------------------------------------------
+# An entry is written before its action is taken.
 
 
 class Kind(StrEnum):
-    """What a line of the journal tells."""
+    """The kind of a journal entry."""
 
     BEGIN = "begin"  # the batch: its jobs file
-    JOB = "job"  # what the file asks of one job, and when it is due
-    SITTING = "sitting"  # a process takes the batch up; from here on what was held back or half done is open again
+    JOB = "job"  # one job: its settings and its start time
+    EXECUTION = "sitting"  # a process carries out the batch; jobs that were cut off or held back are open again
     START = "start"  # a job is about to be started
     RUN = "run"  # its run has a folder
-    END = "end"  # it ended: how
-    SKIP = "skip"  # it is not done, because one that it waits for was not
-    SIGNAL = "signal"  # somebody wants the batch to end
-    CLOSE = "close"  # the process gives the batch up: nothing more can begin
-    FINISH = "finish"  # every job has come to its end
+    END = "end"  # it ended, with its result
+    SKIP = "skip"  # it is not started, because a job it waits for failed
+    SIGNAL = "signal"  # a signal ends the batch
+    CLOSE = "close"  # the process ends, and jobs are left
+    FINISH = "finish"  # all jobs have ended
 
 
 class State(StrEnum):
-    """How a job stands, in the words that people see."""
+    """The state of a job, as shown to people."""
 
     WAITING = "waiting"
     RUNNING = "running"
@@ -42,14 +42,14 @@ class State(StrEnum):
 
 OVER = frozenset({State.DONE, State.NOT_FINE, State.FAILED, State.HALF, State.SKIPPED})
 RECORDED = frozenset({State.DONE, State.NOT_FINE})
-"""Its run came to the end that was wanted, with its record whole. These are never done again."""
+"""The run is complete, and so is its record. Such a job is never repeated."""
 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A line of the journal; `text` says it to people. What does not belong to its kind is None.
+    """An entry of the journal. Fields that do not belong to its kind are None.
 
-    `again`: the job is open again when the batch is gone on with. `asked` is what the jobs file asks of a job, as JSON.
+    `text` is for people. `again`: a resumed batch starts the job again. `asked`: the job's table in the jobs file, as JSON.
     """
 
     time: str
@@ -74,7 +74,7 @@ class Entry:
 
 @dataclass(slots=True)
 class Attempt:
-    """One time that a job was started. `state` is RUNNING until the journal says how it ended."""
+    """One attempt at a job. `state` is RUNNING until the journal has its result."""
 
     number: int
     began: str
@@ -89,7 +89,7 @@ class Attempt:
 
 @dataclass(slots=True)
 class JobState:
-    """How a job stands. `due` is the moment that it waits for, seconds since 1970 UTC; `asked` what its file asked of it."""
+    """The state of a job. `due`: its earliest start, seconds since 1970 UTC. `asked`: its table in the jobs file, as JSON."""
 
     name: str
     asked: str = ""
@@ -109,13 +109,13 @@ class JobState:
 
 @dataclass(slots=True)
 class BatchState:
-    """How the batch stands. `stopped_by` is the job whose failure stopped the line in this sitting, `closing` how it ended."""
+    """The state of a batch. `stopped_by`: the job whose failure stopped it in this execution. `closing`: the text of its end."""
 
     jobs: dict[str, JobState] = field(default_factory=dict)
     policies: dict[str, OnFailure] = field(default_factory=dict)
     begun: str | None = None
     file: str = ""
-    sittings: int = 0
+    executions: int = 0
     stopped_by: str | None = None
     ended_by: str | None = None
     is_finished: bool = False
@@ -129,15 +129,15 @@ class BatchState:
         return [job for job in self.jobs.values() if job.state is State.WAITING]
 
     def is_open(self) -> bool:
-        """Whether something is left to do, when the batch is gone on with."""
+        """Whether a resumed batch has jobs to start or to follow."""
         return any(not job.is_over or _is_again(job) for job in self.jobs.values())
 
     def take(self, entry: Entry) -> None:
-        """What one more line of the journal changes."""
+        """Apply one more entry of the journal."""
         self.last = entry.time
         if entry.kind == Kind.BEGIN:
             self.begun, self.file = entry.time, entry.asked or ""
-        elif entry.kind == Kind.SITTING:
+        elif entry.kind == Kind.EXECUTION:
             self._reopen()
         elif entry.kind == Kind.SIGNAL:
             self.ended_by = entry.text
@@ -147,8 +147,8 @@ class BatchState:
             self._of_job(entry, entry.job)
 
     def _reopen(self) -> None:
-        """A new sitting: what was half done, or stopped the line before it was done, waits again."""
-        self.sittings += 1
+        """Begin an execution: jobs that were cut off, or that stopped the batch, wait again."""
+        self.executions += 1
         self.stopped_by = self.ended_by = None
         for job in self.jobs.values():
             if _is_again(job):
@@ -187,26 +187,26 @@ def _seconds(time: str | None) -> float | None:
     return None if time is None else datetime.fromisoformat(time).timestamp()
 
 
-def standing_of(entries: Iterable[Entry]) -> BatchState:
-    """How the batch stands by these lines."""
-    standing = BatchState()
+def batch_state(entries: Iterable[Entry]) -> BatchState:
+    """Return the state of the batch after these entries."""
+    state = BatchState()
     for entry in entries:
-        standing.take(entry)
-    return standing
+        state.take(entry)
+    return state
 
 
 # -- queue --------------------------------------------------------------------------------------------------------------------
-# What may begin now. In turn on one place, side by side on different ones, in the file's order.
+# Jobs on the same station run one after another in the order of the file, jobs on different stations in parallel.
 #
-# A job that waits, for its time or for others, keeps its place in the queue: what stands behind it and needs the same station waits
-# as well. So the file is what happens, whatever takes how long.
+# A job that waits, for its time or for other jobs, keeps its position: later jobs that need the same station wait behind it. So
+# the order is that of the file, however long each job takes.
 
 DONE_FOR = frozenset({State.FAILED, State.HALF, State.NOT_FINE})
 
 
 @dataclass(frozen=True, slots=True)
 class Waits:
-    """A job that cannot begin yet. `why` is for people; `until` the moment that it waits for, if that is all."""
+    """A job that cannot start yet. `why` is for people; `until` is its earliest start if it waits for nothing else."""
 
     name: str
     why: str
@@ -215,30 +215,30 @@ class Waits:
 
 @dataclass(frozen=True, slots=True)
 class Next:
-    """What comes next: jobs that can begin now, those that are not done and why, those that wait."""
+    """The jobs that can start now, those to skip with the reason, and those that wait."""
 
     begin: tuple[str, ...] = ()
     skip: tuple[tuple[str, str], ...] = ()
     wait: tuple[Waits, ...] = ()
 
 
-def whats_next(turns: Sequence[Turn], standing: BatchState, now: float) -> Next:
-    """What comes next at `now` (seconds since 1970 UTC). `turns` in the order of `in_turn`.
+def next_jobs(turns: Sequence[Turn], batch: BatchState, now: float) -> Next:
+    """Return what comes next at `now` (seconds since 1970 UTC). `turns` are ordered by `in_turn`.
 
-    A line that was stopped begins and skips nothing more. Skipping comes alone: what it means for others is asked next.
+    A stopped batch starts and skips no more jobs. Jobs to skip come alone, because they can change the state of others.
     """
-    if standing.stopped_by is not None or standing.ended_by is not None:
+    if batch.stopped_by is not None or batch.ended_by is not None:
         return Next()
-    skipped = tuple(_skipped(turns, standing))
+    skipped = tuple(_skipped(turns, batch))
     if skipped:
         return Next(skip=skipped)
-    taken = {place: name for name in _running(standing) for place in _places(turns, name)}
+    taken = {place: name for name in _running(batch) for place in _places(turns, name)}
     begin: list[str] = []
     wait: list[Waits] = []
     for turn in turns:
-        if standing.jobs[turn.name].state is not State.WAITING:
+        if batch.jobs[turn.name].state is not State.WAITING:
             continue
-        waits = _why_waits(turn, standing, taken, now)
+        waits = _why_waits(turn, batch, taken, now)
         if waits is None:
             begin.append(turn.name)
         else:
@@ -248,32 +248,32 @@ def whats_next(turns: Sequence[Turn], standing: BatchState, now: float) -> Next:
     return Next(tuple(begin), wait=tuple(wait))
 
 
-def _running(standing: BatchState) -> list[str]:
-    return [job.name for job in standing.running()]
+def _running(batch: BatchState) -> list[str]:
+    return [job.name for job in batch.running()]
 
 
 def _places(turns: Sequence[Turn], name: str) -> frozenset[str]:
     return next(turn.places for turn in turns if turn.name == name)
 
 
-def _skipped(turns: Sequence[Turn], standing: BatchState) -> Iterator[tuple[str, str]]:
+def _skipped(turns: Sequence[Turn], batch: BatchState) -> Iterator[tuple[str, str]]:
     policies = {turn.name: turn.on_failure for turn in turns}
     for turn in turns:
-        if standing.jobs[turn.name].state is State.WAITING:
+        if batch.jobs[turn.name].state is State.WAITING:
             for other in turn.after:
-                state = standing.jobs[other].state
+                state = batch.jobs[other].state
                 if state is State.SKIPPED or (state in DONE_FOR and policies[other] is OnFailure.SKIP):
                     yield turn.name, f"it waits for {other}, which is {state.value}"
                     break
 
 
-def _why_waits(turn: Turn, standing: BatchState, taken: dict[str, str], now: float) -> Waits | None:
-    others = [name for name in turn.after if not standing.jobs[name].is_over]
+def _why_waits(turn: Turn, batch: BatchState, taken: dict[str, str], now: float) -> Waits | None:
+    others = [name for name in turn.after if not batch.jobs[name].is_over]
     if others:
         return Waits(turn.name, f"after {', '.join(others)}")
     before = sorted({taken[place] for place in turn.places if place in taken})
     if before:
         places = sorted(place for place in turn.places if place in taken)
         return Waits(turn.name, f"{', '.join(places)}: behind {', '.join(before)}")
-    due = standing.jobs[turn.name].due
+    due = batch.jobs[turn.name].due
     return Waits(turn.name, "its time", due) if due is not None and now < due else None

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from jbclog.app.batch.job_dir import JobDir
 from jbclog.app.batch.journal import read
-from jbclog.app.batch.state import RECORDED, BatchState, State, standing_of
+from jbclog.app.batch.state import RECORDED, BatchState, State, batch_state
 from jbclog.record.check import check
 from jbclog.record.find_runs import Found, find
 from jbclog.record.manifest import read_manifest
@@ -72,12 +72,12 @@ class Trial:
     def journal(self) -> Path:
         return sorted(path for path in (self.out / "quick-night.batch").iterdir() if path.is_dir())[-1]
 
-    def standing(self) -> BatchState:
-        return standing_of(read(self.journal))
+    def state(self) -> BatchState:
+        return batch_state(read(self.journal))
 
     def runs(self) -> list[str]:
         """How each attempt came out."""
-        return [attempt.state.value for job in self.standing().jobs.values() for attempt in job.attempts]
+        return [attempt.state.value for job in self.state().jobs.values() for attempt in job.attempts]
 
 
 def disturbed(folder: Path, line: Path, dice: random.Random, kills: int) -> Trial:
@@ -95,7 +95,7 @@ def disturbed(folder: Path, line: Path, dice: random.Random, kills: int) -> Tria
             _strike(trial, batch, dice)
         said, notes = batch.communicate(timeout=ENDS_S)
         trial.codes.append(batch.returncode)
-        if batch.returncode == 2 and "no batch to go on with" not in notes:
+        if batch.returncode == 2 and "no batch to resume" not in notes:
             trial.wrong.append(notes)
         if batch.returncode >= 0 and said and json.loads(said).get("finished"):
             break
@@ -122,22 +122,22 @@ def _strike(trial: Trial, batch: subprocess.Popen[str], dice: random.Random) -> 
 def running(out: Path) -> list[int]:
     """The processes of jobs that run now."""
     papers = [JobDir(path) for path in out.glob("*.batch/*/jobs/*")]
-    return [process for one in papers if one.is_held() and (process := one.process()) is not None]
+    return [process for one in papers if one.is_running() and (process := one.process()) is not None]
 
 
 def recording(out: Path) -> list[int]:
     """Those whose run has a folder."""
     papers = [JobDir(path) for path in sorted(out.glob("*.batch/*/jobs/*"))]
-    return [process for one in papers if one.is_held() and one.run() and (process := one.process()) is not None]
+    return [process for one in papers if one.is_running() and one.run() and (process := one.process()) is not None]
 
 
 def faults(trial: Trial) -> list[str]:
     """Everything that must not be. The runs themselves are the witnesses."""
-    standing, found = trial.standing(), []
-    if not standing.is_finished:
+    state, found = trial.state(), []
+    if not state.is_finished:
         found.append(f"not finished after {trial.sittings} sittings: {trial.codes}")
     runs = [one for one in find(trial.out) if isinstance(one, Found)]
-    told = {attempt.run: (job.name, attempt) for job in standing.jobs.values() for attempt in job.attempts if attempt.run}
+    told = {attempt.run: (job.name, attempt) for job in state.jobs.values() for attempt in job.attempts if attempt.run}
     for run in runs:
         if run.folder.name not in told:
             found.append(f"{run.folder.name} is in no line of the journal")
@@ -152,8 +152,8 @@ def faults(trial: Trial) -> list[str]:
             found.append(f"{run.folder.name} was left {run.state}")
         found += [f"{run.folder.name}: {fault}" for fault in check(run.folder)]
     whole = Counter(run.tags["job"] for run in runs if run.exit_status == "success")
-    found += [f"{name} was done {whole[name]} times" for name in standing.jobs if whole[name] != 1]
-    found += [f"{job.name} is {job.state.value}" for job in standing.jobs.values() if job.state is not State.DONE]
+    found += [f"{name} was done {whole[name]} times" for name in state.jobs if whole[name] != 1]
+    found += [f"{job.name} is {job.state.value}" for job in state.jobs.values() if job.state is not State.DONE]
     found += _overlaps(runs)
     found += [f"process {process} still runs" for process in running(trial.out)]
     return found

@@ -12,10 +12,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from jbclog.app.batch.executor import BatchExecutor, Means, Unseen
+from jbclog.app.batch.executor import BatchExecutor, NullObserver, Timing
 from jbclog.app.batch.journal import Journal, iso
-from jbclog.app.batch.processes import Came
-from jbclog.app.batch.state import Entry, Kind, State, standing_of
+from jbclog.app.batch.processes import AttemptResult
+from jbclog.app.batch.state import Entry, Kind, State, batch_state
 from jbclog.config.job_order import Turn, due_times, in_turn
 from jbclog.core.outcome import Exit
 
@@ -89,7 +89,7 @@ class World:
     def pause(self) -> None:
         """Until something can happen."""
         ends = [process.began + process.fate.takes_s for process in self.running()]
-        dues = [job.due for job in standing_of(self.disk).jobs.values() if job.due is not None and job.due > self.now]
+        dues = [job.due for job in batch_state(self.disk).jobs.values() if job.due is not None and job.due > self.now]
         ahead = min([*ends, *dues], default=self.now) - self.now
         self.go_on(max(min(ahead, 5.0) if ends else ahead, 0.25))
 
@@ -110,7 +110,7 @@ class World:
         return next((one for one in self.processes if (one.name, one.attempt) == (name, attempt)), None)
 
     def executor(self) -> BatchExecutor:
-        return Whole(in_turn(self.turns), Memory(self), WorldHands(self), Unseen(), Means(lambda: self.now, self.pause))
+        return Whole(in_turn(self.turns), Memory(self), WorldProcesses(self), NullObserver(), Timing(lambda: self.now, self.pause))
 
 
 class Whole(BatchExecutor):
@@ -144,17 +144,17 @@ class Memory(Journal):
 
     def __init__(self, world: World) -> None:
         super().__init__(Path("nowhere"), lambda: world.now)
-        self.standing = standing_of(world.disk)
+        self.state = batch_state(world.disk)
         self._world = world
 
     def note(self, entry: Entry) -> None:
         kept = replace(entry, time=iso(self._world.now))
         with self._world.step():
             self._world.disk.append(kept)
-        self.standing.take(kept)
+        self.state.take(kept)
 
 
-class WorldHands:
+class WorldProcesses:
     """Starts processes of the world, and sees what must not be."""
 
     def __init__(self, world: World) -> None:
@@ -182,18 +182,18 @@ class WorldHands:
         process = self._world.process(name, attempt)
         return None if process is None or process.fate.comes_to == STILLBORN else process.run
 
-    def ask_to_end(self, name: str, attempt: int, number: signal.Signals) -> bool:
+    def request_end(self, name: str, attempt: int, number: signal.Signals) -> bool:
         process = self._world.process(name, attempt)
         if process is not None and process.ended is None:
             process.fate = Fate(130 if number is signal.SIGINT else 143, self._world.now + 2.0 - process.began)
         return True
 
-    def came(self, name: str, attempt: int) -> Came | None:
+    def result(self, name: str, attempt: int) -> AttemptResult | None:
         process = self._world.process(name, attempt)
         with self._world.step():
             if process is None or process.comes_to == STILLBORN:
-                return Came(State.FAILED, Exit.RECORD.value, "its process ended before its run began")
+                return AttemptResult(State.FAILED, Exit.RECORD.value, "its process ended before its run began")
             run = Path(process.run)
             if not isinstance(process.comes_to, int):
-                return Came(State.HALF, Exit.RECORD.value, "its process died while it ran", run)
-            return Came(STATES.get(process.comes_to, State.FAILED), process.comes_to, "", run)
+                return AttemptResult(State.HALF, Exit.RECORD.value, "its process died while it ran", run)
+            return AttemptResult(STATES.get(process.comes_to, State.FAILED), process.comes_to, "", run)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from jbclog.app.batch.job_dir import Carried, JobDir, Said, carried
+from jbclog.app.batch.job_dir import JobDir, JobResult, PrefixedSource, unread_serial
 from jbclog.app.run.unit_feed import UnitFeed
 from jbclog.core.rows import EventRow, Severity
 from jbclog.transport.typed_lines import open_source
@@ -15,27 +15,27 @@ def papers(folder: Path, name: str, *kinds: str, ended: float | None = None) -> 
     made = JobDir(folder / name)
     os.close(made.make(b"{}"))
     for number, kind in enumerate(kinds):
-        made.happened(EventRow(number, kind, Severity.INFO, "", raw=f"S{number}"))
+        made.add_event(EventRow(number, kind, Severity.INFO, "", raw=f"S{number}"))
     if ended is not None:
-        made.last_words(Said(0))
+        made.set_result(JobResult(0))
         os.utime(made.folder / "said.json", (ended, ended))
     return made
 
 
 def test_the_last_job_leaves_the_serial_that_ended_it(tmp_path: Path) -> None:
     first = papers(tmp_path, "a-1", "unit.begin", "unit.end", "unit.next", "run.end", ended=100.0)
-    assert carried([first]) == "S2"
+    assert unread_serial([first]) == "S2"
     second = papers(tmp_path, "b-1", "unit.begin", "unit.end", ended=200.0)  # which had it, and left none
-    assert carried([first, second]) is None
+    assert unread_serial([first, second]) is None
     still = papers(tmp_path, "c-1", "unit.next")
-    assert carried([first, still]) == "S2"
-    assert carried([]) is None
+    assert unread_serial([first, still]) == "S2"
+    assert unread_serial([]) is None
 
 
 def test_it_is_the_first_that_the_next_one_reads(tmp_path: Path) -> None:
     pipe = tmp_path / "reader"
     os.mkfifo(pipe)
-    source = Carried(open_source(str(pipe)), "S41")
+    source = PrefixedSource(open_source(str(pipe)), "S41")
     events: list[EventRow] = []
     feed = UnitFeed(source, events.append, lambda: 0)
     feed.look()

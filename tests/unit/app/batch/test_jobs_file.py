@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.batch.child import ORDER
-from jbclog.app.batch.job_dir import Now
-from jbclog.app.batch.job_spec import Orders, orders_of
+from jbclog.app.batch.child import SPEC
+from jbclog.app.batch.job_dir import JobProgress
+from jbclog.app.batch.job_spec import BatchPlan, plan_batch
 from jbclog.app.run.plan import make_plan
 from jbclog.cli.batch_progress import so_far
 from jbclog.config.job_order import OnFailure
@@ -34,8 +34,8 @@ def job(*lines: str, name: str = "a", end: str = 'duration = "15m"') -> str:
     return "\n".join(["[[job]]", f'name = "{name}"', end, *lines, ""])
 
 
-def ordered(text: str, folder: Path = Path("/nowhere")) -> Orders:
-    return orders_of(parse_jobs(text, folder / "night.toml"), folder / "runs")
+def ordered(text: str, folder: Path = Path("/nowhere")) -> BatchPlan:
+    return plan_batch(parse_jobs(text, folder / "night.toml"), folder / "runs")
 
 
 def test_everything_that_is_wrong_is_told_at_once() -> None:
@@ -151,7 +151,7 @@ def test_what_a_recipe_requires_is_asked_for_in_the_keys_of_the_file(tmp_path: P
 def test_what_a_job_says_is_what_its_run_is_told() -> None:
     lines = ['operator = "A. Rossi"', 'order = "7"', 'wire_lots = ["L1"]', 'tips = ["dde-1:2=T1"]', 'serials = ["S1"]']
     orders = ordered(HEAD + JOB + "\n".join([*lines, 'tags = { shift = "night" }', "wire = true"]))
-    wanted = orders.orders["a"].job.wanted
+    wanted = orders.specs["a"].job.wanted
     assert wanted.duration_s == 900
     assert wanted.stations == ("dde-1",)
     assert (wanted.rate, wanted.wire, wanted.guard) == ("fit", True, True)
@@ -171,23 +171,23 @@ def test_what_a_job_says_is_what_its_run_is_told() -> None:
 @pytest.mark.parametrize("rate", ['"auto"', '"fit"', '"max"', "2", "2.5"])
 def test_what_a_job_is_told_comes_to_its_process_as_it_is(rate: str) -> None:
     lines = ['operator = "Ä. Rossi"', 'tips = ["T1"]', 'tags = { shift = "night" }', "allow_omega_write = true"]
-    order = ordered(HEAD + JOB.replace('"fit"', rate) + "\n".join(lines)).orders["a"]
-    assert ORDER.validate_json(ORDER.dump_json(order)) == order
+    order = ordered(HEAD + JOB.replace('"fit"', rate) + "\n".join(lines)).specs["a"]
+    assert SPEC.validate_json(SPEC.dump_json(order)) == order
 
 
 def test_the_other_ends_of_a_run_and_the_reader_that_two_jobs_share() -> None:
     one = JOB.replace('duration = "15m"', 'units = 40\nunits_from = "/dev/null"')
     two = JOB.replace('duration = "15m"', 'joints = 200\nunits_from = "/dev/null"').replace('"a"', '"b"').replace("dde-1", "dde-2")
     orders = ordered(HEAD + one + two)
-    assert orders.orders["a"].job.wanted.until_units == 40
-    assert orders.orders["b"].job.wanted.until_joints == 200
+    assert orders.specs["a"].job.wanted.until_units == 40
+    assert orders.specs["b"].job.wanted.until_joints == 200
     assert orders.turns[0].places & orders.turns[1].places == {"the reader /dev/null"}
 
 
 def test_a_duration_beside_units_or_joints_is_their_bound() -> None:
-    (order,) = ordered(HEAD + JOB + 'units = 40\nunits_from = "/dev/null"').orders.values()
+    (order,) = ordered(HEAD + JOB + 'units = 40\nunits_from = "/dev/null"').specs.values()
     assert (order.job.wanted.until_units, order.job.wanted.duration_s) == (40, 900)
-    assert ordered(HEAD + JOB + "joints = 200").orders["a"].job.wanted.duration_s == 900
+    assert ordered(HEAD + JOB + "joints = 200").specs["a"].job.wanted.duration_s == 900
 
 
 @pytest.mark.parametrize(
@@ -200,21 +200,21 @@ def test_a_duration_beside_units_or_joints_is_their_bound() -> None:
 )
 def test_how_far_a_job_has_come_is_shown_with_its_ends(end: str, shown: str) -> None:
     (asked,) = parse_jobs(HEAD + job(end=end), Path("night.toml")).jobs
-    assert so_far(asked, Now(40.0, units=3)) == shown
+    assert so_far(asked, JobProgress(40.0, units=3)) == shown
 
 
 def test_a_reader_that_is_not_plugged_in_is_noted_before_the_first_job_begins() -> None:
     text = HEAD + JOB.replace('duration = "15m"', 'units = 40\nunits_from = "{}"')
-    assert "a: its reader /nowhere/reader is not there yet" in ordered(text.format("reader")).notes
+    assert "a: its reader /nowhere/reader is not connected yet" in ordered(text.format("reader")).notes
     assert not [text for text in ordered(text.format("/dev/null")).notes if "reader" in text]
 
 
 # -- those that come with the project ------------------------------------------------------------------------------------------
 
 
-def of_profile(path: Path, tmp_path: Path) -> tuple[JobsFile, Orders]:
+def of_profile(path: Path, tmp_path: Path) -> tuple[JobsFile, BatchPlan]:
     file = load_jobs(path, BENCH)
-    return file, orders_of(file, tmp_path / "runs")
+    return file, plan_batch(file, tmp_path / "runs")
 
 
 @pytest.mark.parametrize("path", BATCHES, ids=lambda path: path.stem)
@@ -223,13 +223,13 @@ def test_each_batch_of_the_profiles_runs_as_it_stands_where_it_says(path: Path, 
     shutil.copytree(PROFILES, tmp_path / "profiles")
     (tmp_path / "virtual").mkdir()
     shutil.copy(BENCH, tmp_path / "virtual" / "line.toml")
-    orders = orders_of(load_jobs(tmp_path / "profiles" / "batches" / path.name), tmp_path / "runs")
+    orders = plan_batch(load_jobs(tmp_path / "profiles" / "batches" / path.name), tmp_path / "runs")
     assert len(orders.turns) > 1
 
 
 @pytest.mark.parametrize("path", BATCHES, ids=lambda path: path.stem)
 def test_each_job_of_the_profiles_comes_to_an_accepted_record(path: Path, tmp_path: Path) -> None:
     _, orders = of_profile(path, tmp_path)
-    for name, order in orders.orders.items():
+    for name, order in orders.specs.items():
         result = RecordedRun(make_plan(order.job.wanted), tmp_path / name).result
         assert result.exit_code == 0, [finding.text for finding in result.findings]

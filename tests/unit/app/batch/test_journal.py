@@ -13,14 +13,14 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.batch.executor import Means
+from jbclog.app.batch.executor import Timing
 from jbclog.app.batch.job_dir import JobDir
-from jbclog.app.batch.job_spec import Orders, orders_of
+from jbclog.app.batch.job_spec import BatchPlan, plan_batch
 from jbclog.app.batch.journal import NAME, Journal, begin, home_of, newest, read
-from jbclog.app.batch.processes import came_of
-from jbclog.app.batch.resume import Shift, take
+from jbclog.app.batch.processes import result_of
+from jbclog.app.batch.resume import PreparedBatch, prepare
 from jbclog.app.batch.single_batch import hold
-from jbclog.app.batch.state import Entry, Kind, standing_of
+from jbclog.app.batch.state import Entry, Kind, batch_state
 from jbclog.config.job_order import SystemZone
 from jbclog.config.jobs_file import load_jobs
 from jbclog.core.errors import JbclogError, Problems, RecordError, UsageError
@@ -28,8 +28,8 @@ from support.command import BENCH, PROFILES
 
 NIGHT = 1_790_000_000.0
 RECIPE = PROFILES / "recipes" / "sac305-smd.toml"
-MEANS = Means(lambda: NIGHT, lambda: None)
-SITTING = Entry("", Kind.SITTING, "The batch begins.")
+MEANS = Timing(lambda: NIGHT, lambda: None)
+SITTING = Entry("", Kind.EXECUTION, "The batch begins.")
 START = Entry("", Kind.START, "a is started.", "a", 1)
 END = Entry("", Kind.END, "", "a", 1, "done", False, 0, "ACCEPT", "run-1")
 FINISH = Entry("", Kind.FINISH, "Every job has come to its end.")
@@ -60,11 +60,11 @@ class Bench:
         self.home = home_of(self.out, self.file)
         self.home.mkdir(parents=True)
 
-    def orders(self) -> Orders:
-        return orders_of(load_jobs(self.file), self.out)
+    def plan(self) -> BatchPlan:
+        return plan_batch(load_jobs(self.file), self.out)
 
-    def take(self, *, resume: bool = False, anew: bool = False) -> Shift:
-        return take(self.orders(), self.out, MEANS, SystemZone(), resume=resume, anew=anew)
+    def take(self, *, resume: bool = False, anew: bool = False) -> PreparedBatch:
+        return prepare(self.plan(), self.out, MEANS, SystemZone(), resume=resume, anew=anew)
 
     def change(self, before: str, after: str) -> None:
         assert before in TEXT
@@ -116,7 +116,7 @@ def test_what_is_written_behind_a_line_that_was_cut_off_goes_on_with_the_chain(t
     assert again is not None
     again.note(replace(START, attempt=1))
     assert [entry.kind for entry in read(journal.folder)] == ["begin", "sitting", "start"]
-    assert standing_of(read(journal.folder)).jobs["a"].state.value == "running"
+    assert batch_state(read(journal.folder)).jobs["a"].state.value == "running"
 
 
 @pytest.mark.parametrize(
@@ -141,10 +141,10 @@ def test_lines_that_are_gone_show_in_the_papers_of_the_jobs(bench: Bench, left: 
     assert newest(bench.home, MEANS.utc) is not None
     path = journal.folder / NAME
     path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:left]))
-    with pytest.raises(RecordError, match=r"says nothing of jobs/a-1.*lines of it are gone; nothing was started"):
+    with pytest.raises(RecordError, match=r"has no entry for jobs/a-1.*entries are missing; nothing was started"):
         newest(bench.home, MEANS.utc)
     path.unlink()
-    with pytest.raises(RecordError, match="begin anew"):
+    with pytest.raises(RecordError, match="start a new batch"):
         newest(bench.home, MEANS.utc)
 
 
@@ -163,24 +163,24 @@ def test_what_was_not_finished_is_gone_on_with_and_what_was_is_begun_anew(bench:
     assert (again.is_new, again.journal.folder) == (False, journal.folder)
     journal.note(END)
     journal.note(FINISH)
-    assert "there is no batch to go on with, the last one was finished at 2026-09" in bench.problems(resume=True)
+    assert "no batch to resume, the last one finished at 2026-09" in bench.problems(resume=True)
     assert bench.take().is_new
 
 
 def test_there_is_nothing_to_resume_at_first(bench: Bench) -> None:
-    assert "there is no batch to go on with, none was begun; without --resume a new one begins" in bench.problems(resume=True)
+    assert "no batch to resume, none has begun; leave out --resume to start a new one" in bench.problems(resume=True)
 
 
 def test_what_will_be_done_is_told_for_each_job_and_nothing_is_done(bench: Bench) -> None:
     interrupted(bench)
     shift = bench.take(resume=True)
-    assert [(job.name, text) for job, text in shift.what_will_be_done()] == [
+    assert [(job.name, text) for job, text in shift.next_steps()] == [
         ("a", "had not begun: it is started"),
         ("b", "waits for its turn"),
     ]
     shift.journal.note(replace(END, state="half done", again=True))
     shift.journal.note(Entry("", Kind.SKIP, "b is skipped.", "b"))
-    texts = [text for _, text in bench.take().what_will_be_done()]
+    texts = [text for _, text in bench.take().next_steps()]
     assert texts == ["was half done: it is done again, as a new run", "stays skipped"]
 
 
@@ -188,9 +188,9 @@ def test_a_run_that_the_journal_has_is_not_forgotten_with_the_papers_of_its_job(
     journal = interrupted(bench)
     journal.note(Entry("", Kind.RUN, "a records into run-1.", "a", 1, run="run-1"))
     shift = bench.take(resume=True)
-    text = next(text for _, text in shift.what_will_be_done())
+    text = next(text for _, text in shift.next_steps())
     assert text == "was cut off by a crash: run-1 is recovered and recorded as half done, and the job is done again"
-    assert came_of(JobDir(bench.out), recorded=bench.out / "run-1").run == bench.out / "run-1"
+    assert result_of(JobDir(bench.out), recorded=bench.out / "run-1").run == bench.out / "run-1"
 
 
 @pytest.mark.parametrize(
@@ -202,7 +202,7 @@ def test_a_run_that_the_journal_has_is_not_forgotten_with_the_papers_of_its_job(
             'duration = "20m"\nrate = "fit"\n[[job]]',
             'job a: duration was "15m" and is "20m"',
         ),
-        ('name = "b"', 'name = "c"', "job b is gone"),
+        ('name = "b"', 'name = "c"', "job b was removed"),
         ('name = "b"', 'name = "c"', "job c is new"),
         ('name = "b"', 'name = "b"\norder = "7"', 'job b: order was not given and is "7"'),
         ("[[job]]", '[[job]]\non_failure = "skip"', 'job a: on_failure was "stop" and is "skip"'),
@@ -216,7 +216,7 @@ def test_a_file_that_was_changed_meanwhile_is_told_with_what_changed(
     said = bench.problems()
     if told is not None:
         assert told in said
-        assert "`--anew` gives it up and begins anew with the file as it is" in said
+        assert "`--anew` discards it and starts a new one; or restore the jobs file" in said
         assert str(journal.folder / "jobs.toml") in said
         assert (journal.folder / "jobs.toml").read_text() == TEXT
     assert [entry.kind for entry in read(journal.folder)][-2:] == ["sitting", "start"]
@@ -234,9 +234,9 @@ def test_anew_gives_up_what_there_is(bench: Bench) -> None:
     new = bench.take(anew=True)
     assert new.is_new
     assert new.journal.folder != journal.folder
-    given_up = standing_of(read(journal.folder))
+    given_up = batch_state(read(journal.folder))
     assert given_up.is_finished
-    assert given_up.closing == "The batch is given up: a new one is begun in its place."
+    assert given_up.closing == "Batch discarded: a new one starts in its place."
 
 
 def test_what_still_runs_is_not_given_up(bench: Bench) -> None:
@@ -247,7 +247,7 @@ def test_what_still_runs_is_not_given_up(bench: Bench) -> None:
     descriptor = papers.make(b"{}")
     try:
         assert "a of the batch of 2026-09" in bench.problems(anew=True)
-        assert next(text for _, text in bench.take().what_will_be_done()).startswith("still runs")
+        assert next(text for _, text in bench.take().next_steps()).startswith("still runs")
     finally:
         os.close(descriptor)
 
@@ -256,12 +256,12 @@ def test_a_file_of_the_same_name_from_elsewhere_is_another_batch(bench: Bench, t
     interrupted(bench)
     (tmp_path / "other").mkdir()
     bench.file = Path(shutil.copy(bench.file, tmp_path / "other" / "night.toml"))
-    assert f"holds a batch of {tmp_path / 'night.toml'} that is not finished" in bench.problems()
+    assert f"has an unfinished batch of {tmp_path / 'night.toml'}" in bench.problems()
 
 
 def test_a_date_that_is_over_is_told_before_anything_begins(bench: Bench) -> None:
     bench.change('name = "b"', 'name = "b"\nat = "2026-09-20 22:00"')
-    with pytest.raises(Problems, match=r'night.toml:11: job\[2\].at: "2026-09-20 22:00" is over; give a later time, or none'):
+    with pytest.raises(Problems, match=r'night.toml:11: job\[2\].at: "2026-09-20 22:00" has passed; give a later time, or none'):
         bench.take()
     assert newest(bench.home, MEANS.utc) is None
 
@@ -272,8 +272,8 @@ def test_a_date_that_is_over_is_told_before_anything_begins(bench: Bench) -> Non
 def test_a_second_one_is_told_who_holds_it(bench: Bench, tmp_path: Path) -> None:
     with ExitStack() as stack:
         stack.enter_context(hold(bench.home, bench.file, "2026-09-21T14:13:20Z"))
-        assert f"process {os.getpid()} is carrying it out since 2026-09-21T14:13:20Z" in refused(bench.home, bench.file)
-        assert "another batch of it goes on, with another --out" in refused(tmp_path / "elsewhere", bench.file)
+        assert f"process {os.getpid()} has been running it since 2026-09-21T14:13:20Z" in refused(bench.home, bench.file)
+        assert "another batch of this file runs with another --out" in refused(tmp_path / "elsewhere", bench.file)
     with hold(bench.home, bench.file, "now"):
         pass
 
@@ -296,5 +296,5 @@ except Exception as error:
 
 def test_a_folder_that_cannot_be_written_is_told(tmp_path: Path) -> None:
     (tmp_path / "runs").write_text("a file")
-    with pytest.raises(JbclogError, match="cannot hold the batch's journal"), hold(tmp_path / "runs" / "x.batch", tmp_path, "now"):
+    with pytest.raises(JbclogError, match="cannot be created or locked"), hold(tmp_path / "runs" / "x.batch", tmp_path, "now"):
         pass

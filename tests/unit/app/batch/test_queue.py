@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jbclog.app.batch.executor import BatchExecutor
-from jbclog.app.batch.state import RECORDED, BatchState, Kind, State, standing_of, whats_next
+from jbclog.app.batch.state import RECORDED, BatchState, Kind, State, batch_state, next_jobs
 from jbclog.config.job_order import At, OnFailure, Turn, circle, in_turn, read_at
 from jbclog.core.outcome import Exit
 from support.faults.batch_world import CRASH, NIGHT, STILLBORN, Fate, Killed, World
@@ -30,7 +30,7 @@ def world(*turns: Turn, **fates: Fate) -> World:
 
 
 def states(of: World) -> dict[str, str]:
-    return {name: job.state.value for name, job in standing_of(of.disk).jobs.items()}
+    return {name: job.state.value for name, job in batch_state(of.disk).jobs.items()}
 
 
 def starts(of: World) -> list[str]:
@@ -131,7 +131,7 @@ def test_what_this_machine_could_not_start_is_no_fault_of_a_station() -> None:
 
     bench.watch = full
     assert bench.executor().work() is Exit.RECORD
-    assert standing_of(bench.disk).jobs["a"].text == "it could not be started: No space left on device"
+    assert batch_state(bench.disk).jobs["a"].text == "it could not be started: No space left on device"
 
 
 # -- cut short ---------------------------------------------------------------------------------------------------------------
@@ -176,17 +176,17 @@ def test_what_died_while_nobody_looked_is_told_and_done_again(policy: OnFailure,
     bench.go_on(60.0)
     assert bench.executor().work() is Exit.FINE
     assert starts(bench) == ["a", "a", "b"]
-    told = [attempt.state.value for attempt in standing_of(bench.disk).jobs["a"].attempts]
+    told = [attempt.state.value for attempt in batch_state(bench.disk).jobs["a"].attempts]
     assert told == ["half done" if dies == CRASH else "failed", "done"]
 
 
 def test_killed_before_it_could_tell_what_came_of_it_it_tells_it_and_does_nothing_again() -> None:
     bench = world(turn("a", "s1"), turn("b", "s1"), b=Fate(1))
     assert BatchExecutor.work(bench.executor()) is Exit.NOT_FINE  # and there it dies
-    assert not standing_of(bench.disk).is_finished
+    assert not batch_state(bench.disk).is_finished
     assert bench.executor().work() is Exit.NOT_FINE
     assert starts(bench) == ["a", "b"]
-    assert standing_of(bench.disk).is_finished
+    assert batch_state(bench.disk).is_finished
 
 
 def test_a_worse_end_wins_over_the_signal() -> None:
@@ -247,7 +247,7 @@ def each_job_comes_to_one_end(
             bench.go_on(meanwhile[1] if meanwhile[0] != "nothing" else 0.0)
             continue
         assert not bench.running()
-        if standing_of(bench.disk).is_finished:
+        if batch_state(bench.disk).is_finished:
             break
     assert bench.wrong == []
     expect_one_end_each(bench, turns)
@@ -265,31 +265,31 @@ def test_the_same_of_many_more(
 
 def expect_its_turn(bench: World, turns: list[Turn], name: str) -> None:
     """A job begins when all that it comes after is over, when its time has come, and never on a line that was stopped."""
-    standing = standing_of(bench.disk)
+    state = batch_state(bench.disk)
     order = in_turn(turns)
     mine = next(one for one in order if one.name == name)
     for other in order[: order.index(mine)]:
         is_before = other.name in mine.after or other.places & mine.places
-        if is_before and not standing.jobs[other.name].is_over:
+        if is_before and not state.jobs[other.name].is_over:
             bench.wrong.append(f"{name} began before {other.name} was over")
     for after in mine.after:
         policy = next(one.on_failure for one in turns if one.name == after)
-        state = standing.jobs[after].state
-        if state is State.SKIPPED or (state not in (State.DONE,) and policy is SKIP):
-            bench.wrong.append(f"{name} began after {after}, which is {state.value}")
-    if bench.now < (standing.jobs[name].due or 0.0):
+        before = state.jobs[after].state
+        if before is State.SKIPPED or (before not in (State.DONE,) and policy is SKIP):
+            bench.wrong.append(f"{name} began after {after}, which is {before.value}")
+    if bench.now < (state.jobs[name].due or 0.0):
         bench.wrong.append(f"{name} began before its time")
-    if standing.stopped_by:
-        bench.wrong.append(f"{name} began when {standing.stopped_by} had stopped the line")
+    if state.stopped_by:
+        bench.wrong.append(f"{name} began when {state.stopped_by} had stopped the line")
 
 
 def expect_one_end_each(bench: World, turns: list[Turn]) -> None:
-    standing = standing_of(bench.disk)
-    assert standing.is_finished
+    state = batch_state(bench.disk)
+    assert state.is_finished
     assert bench.disk[-1].kind == Kind.FINISH
     done = Counter(process.name for process in bench.processes if process.comes_to in (0, 1))
     for one in turns:
-        job = standing.jobs[one.name]
+        job = state.jobs[one.name]
         assert job.is_over
         assert done[one.name] == (job.state in RECORDED)  # nothing twice, nothing half done counted
         tried = [process for process in bench.processes if process.name == one.name]
@@ -317,20 +317,20 @@ def test_killed_at_each_step_in_turn_it_comes_to_the_same_as_undisturbed(turns: 
         executor = bench.executor()
         executor.work()
         assert bench.wrong == []
-        assert_goes_on(bench, executor.standing)
+        assert_goes_on(bench, executor.state)
 
 
-def assert_goes_on(bench: World, standing: BatchState) -> None:
-    for job in standing.jobs.values():
+def assert_goes_on(bench: World, state: BatchState) -> None:
+    for job in state.jobs.values():
         assert not [process for process in bench.processes if process.name == job.name and process.ended is None]
         recorded = [process for process in bench.processes if process.name == job.name and process.comes_to in (0, 1)]
         assert len(recorded) == (job.state in RECORDED)
-    assert standing.is_finished or standing.stopped_by is not None
+    assert state.is_finished or state.stopped_by is not None
 
 
 @settings(max_examples=20)
 @given(queues())
 def test_something_can_always_begin_when_nothing_runs(turns: list[Turn]) -> None:
     bench = World(turns, lambda name, attempt: FINE)
-    standing = standing_of(bench.disk)
-    assert whats_next(in_turn(turns), standing, now=1e12).begin
+    state = batch_state(bench.disk)
+    assert next_jobs(in_turn(turns), state, now=1e12).begin
