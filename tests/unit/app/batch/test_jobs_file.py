@@ -103,7 +103,7 @@ def test_every_job_is_planned_before_the_first_begins() -> None:
         ordered(text)
     assert [str(problem) for problem in raised.value.problems] == [
         '/nowhere/night.toml:12: job[2].stations[1]: "dde-7" is not on the line bench; it has dde-1, dde-2, ucr-1, ale-1',
-        "/nowhere/night.toml:18: job[3].families: no station of the line bench is of these families",
+        "/nowhere/night.toml:18: job[3].families: the line bench has no station of these families",
     ]
 
 
