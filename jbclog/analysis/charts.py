@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, cast
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import pandas as pd
@@ -28,7 +28,7 @@ from jbclog.analysis.spc.refusal import there_are
 from jbclog.analysis.trend import metric_unit, trends
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import Misfit, build
+from jbclog.core.foreign.json_reader import build
 
 if TYPE_CHECKING:
     from jbclog.analysis.run import Run
@@ -429,8 +429,8 @@ def read_limits(path: Path) -> tuple[Limits, str]:
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
     try:
-        limits = cast(Limits, build(Limits, json.loads(data)))
-    except (ValueError, RecursionError, Misfit) as error:
+        limits = build(Limits, json.loads(data))
+    except (ValueError, RecursionError) as error:
         raise RecordError(f"{path} is no file of control limits; `jbclog limits learn` writes one") from error
     if limits.format != FORMAT or any(not one.lower < one.centre < one.upper for one in limits.limits):
         raise RecordError(f"{path} is no file of control limits of this version ({FORMAT}); learn them anew")

@@ -8,10 +8,10 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Final, cast
+from typing import Final
 
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import Misfit, build, json_of
+from jbclog.core.foreign.json_reader import build, json_of
 from jbclog.core.serial_line import is_one_port
 from jbclog.guard import lease_registry
 
@@ -60,8 +60,8 @@ class StationLease:
         """Raises `ValueError` where `text` is no lease, or says more than this version knows: it may be what must not be done."""
         told = json_of(text)
         try:
-            lease = cast(StationLease, build(cls, told))
-        except Misfit as error:
+            lease = build(cls, told)
+        except ValueError as error:
             raise ValueError(f"no lease: {error}") from error
         if unknown := told.keys() - {one.name for one in fields(cls)}:
             raise ValueError(f"no lease: {', '.join(sorted(unknown))} is not known")

@@ -18,7 +18,7 @@ from jbclog.maintenance.counter_totals.totals import DOUBTFUL, CounterTotal, Dif
 from jbclog.maintenance.counter_totals.tracing import History, Traces, histories, traces_of
 from jbclog.maintenance.due import TaskState, states_of
 from jbclog.maintenance.fleet import BEFORE, FLEET, Drift, FleetAudit, Meter, StationAudit
-from jbclog.maintenance.ledger import Book, uncollected
+from jbclog.maintenance.ledger import Book
 from jbclog.maintenance.use import WORK, Past, use_of
 from jbclog.maintenance.weeks import weeks_of
 
@@ -137,7 +137,6 @@ def _apart(said: Sequence[Said], groups: Mapping[tuple[str, ...], Counter[str]])
 TOLD = DOUBTFUL | {Kind.RESET, Kind.REPLACED}
 
 
-@uncollected()
 def fleet_of(
     book: Book,
     seen: Sequence[Observation],

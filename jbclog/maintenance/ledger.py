@@ -8,180 +8,101 @@ somebody harmed the file. Whoever reads it has `wrong`, and ends with exit code 
 from __future__ import annotations
 
 import errno
-import gc
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, fields, replace
-from functools import cache, lru_cache
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from pathlib import Path
-from typing import Final, cast
+from typing import Annotated, Final, TypeVar
+
+import msgspec
 
 from jbclog.core.durable_files import LineChain, add_lines, chain_in, line_of, sha256, sync_folder
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import Misfit, build, json_of
+from jbclog.core.foreign.json_reader import LARGEST
 from jbclog.core.locks import try_lock
-from jbclog.maintenance.counter_totals.observed import Count, Entry, Errors, Fact, Identity, Observation, Standing
-
-# -- gc pause -----------------------------------------------------------------------------------------------------------------
-# Python's search for circles of garbage, put off while a long ledger is read and judged.
-#
-# It goes through all that there is again and again while millions of small values are made, which is half of the time; and there is
-# nothing in it to be found. What is not used any more is freed at once as ever.
-
-
-@contextmanager
-def uncollected() -> Iterator[None]:
-    """Without it, where it is on. Of the whole program: other threads are without it meanwhile, too."""
-    was = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was:
-            gc.enable()
-
+from jbclog.maintenance.counter_totals.observed import Count, Entry, Fact, Observation, Standing, StationLook
 
 # -- ledger line --------------------------------------------------------------------------------------------------------------
-# What a line of the ledger looks like: an observation or a fact, as JSON that people can read too.
-#
-# Counts stand as ``"counts": {"1": {"work_h": 412, ...}}``; what was moving or not read stands beside it, by port and name. Units
-# are in the names (docs/reference/tables.md).
+# A line is an observation or a fact, as JSON that people can read. Counts stand as ``"counts": {"1": {"work_h": 412, ...}}``, those
+# without a value as ``moving`` or ``unread``. Units are in the names (docs/reference/tables.md).
 
-Plain = dict[str, object]
+V = TypeVar("V")
+Number = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
 OWN: Final = b', "sha256": "'
-TEXTS: Final = ("time", "audit", "line", "station", "url", "why", "source", "prev_sha256")
+
+
+class _Tables(msgspec.Struct, gc=False):
+    """The counts of an observation as its line carries them: by port, then by counter."""
+
+    counts: dict[int, dict[str, Number]] = msgspec.field(default_factory=dict)
+    moving: dict[int, dict[str, tuple[Number, ...]]] = msgspec.field(default_factory=dict)
+    unread: dict[int, dict[str, str]] = msgspec.field(default_factory=dict)
+
+    def each(self) -> Iterator[Count]:
+        for port, name, value in _each(self.counts):
+            yield Count(port, name, unit_of(name), value)
+        for port, name, values in _each(self.moving):
+            yield Count(port, name, unit_of(name), None, Standing.MOVING, values)
+        for port, name, why in _each(self.unread):
+            yield Count(port, name, unit_of(name), None, Standing.UNREAD, why=why)
+
+
+_TABLES: Final = msgspec.json.Decoder(_Tables)
+_LOOK: Final = msgspec.json.Decoder(StationLook)
+_FACT: Final = msgspec.json.Decoder(Fact)
+_SHARED: Final = [one.name for one in fields(StationLook)]
+
+
+def _each(table: Mapping[int, Mapping[str, V]]) -> Iterator[tuple[int, str, V]]:
+    return ((port, name, value) for port, counters in table.items() for name, value in counters.items())
 
 
 @cache
 def unit_of(counter: str) -> str:
-    """By its name: ``h``, ``mm`` or ``count``."""
+    """Return the unit in a counter's name: ``h``, ``mm`` or ``count``."""
     return {"h": "h", "mm": "mm"}.get(counter.rpartition("_")[2], "count")
 
 
-# -- writing ----------------------------------------------------------------------------------------------------------------
-
-
 def written(entry: Entry) -> bytes:
-    """The line of an entry, with its own hash, without its end."""
-    return line_of(_observation(entry) if isinstance(entry, Observation) else asdict(entry))
+    """Format an entry with its own hash, without the line's end."""
+    plain = msgspec.to_builtins(entry, str_keys=True)
+    return line_of({**plain, **_tables_of(entry.counts)} if isinstance(entry, Observation) else plain)
 
 
-def _observation(seen: Observation) -> Plain:
-    plain: Plain = {one.name: getattr(seen, one.name) for one in fields(seen) if one.name != "counts"}
-    plain |= {"identity": asdict(seen.identity) if seen.identity else None, "errors": asdict(seen.errors)}
-    return plain | _counts(seen.counts)
-
-
-def _counts(counts: tuple[Count, ...]) -> Plain:
+def _tables_of(counts: tuple[Count, ...]) -> dict[str, object]:
     tables: dict[str, dict[str, dict[str, object]]] = {"counts": {}, "moving": {}, "unread": {}}
     for one in counts:
-        name, said = _said(one)
-        tables[name].setdefault(str(one.port), {})[one.counter] = said
+        name, value = _cell(one)
+        tables[name].setdefault(str(one.port), {})[one.counter] = value
     return {name: table for name, table in tables.items() if table or name == "counts"}
 
 
-def _said(one: Count) -> tuple[str, object]:
+def _cell(one: Count) -> tuple[str, object]:
     if one.standing is Standing.OK:
         return "counts", one.value
     return ("moving", list(one.values)) if one.standing is Standing.MOVING else ("unread", one.why)
 
 
-# -- reading ----------------------------------------------------------------------------------------------------------------
-
-
 def read_line(line: bytes) -> Entry | None:
-    """What a line says; None where it is not, to the byte, what was written."""
+    """Parse a line; None unless it is, to the byte, what was written."""
     body, own, rest = line.rpartition(OWN)
-    if not own or rest != sha256(body + b"}").encode() + b'"}':
+    body += b"}"
+    if not own or rest != sha256(body).encode() + b'"}':
         return None
     try:
-        plain = json_of(body + b"}")
-        return cast(Fact, build(Fact, plain)) if plain["kind"] == "fact" else _seen(plain)
-    except (ValueError, TypeError, AttributeError, KeyError, RecursionError, Misfit):
-        return None
+        return _observation(body)
+    except (ValueError, RecursionError):  # a fact, or neither
+        with suppress(ValueError, RecursionError):
+            return _FACT.decode(body)
+    return None
 
 
-def _seen(plain: Plain) -> Observation:
-    if plain["kind"] != "observation" or not isinstance(plain["seen"], bool) or not isinstance(plain["seq"], int):
-        raise Misfit("kind, seen or seq")
-    return Observation(
-        **{name: _text(plain[name]) for name in TEXTS},
-        seen=plain["seen"],
-        seq=plain["seq"],
-        identity=None if plain["identity"] is None else _identity(plain["identity"]),
-        errors=_errors(plain["errors"]),
-        counts=tuple(_all_counts(plain)),
-        tools={int(port): tool for port, tool in _texts(plain["tools"]).items()},
-        parameters=_texts(plain["parameters"]),
-    )
-
-
-_same = lru_cache(maxsize=1024)(Identity)
-
-
-def _identity(said: object) -> Identity:
-    """Of a long ledger most are like one before."""
-    plain = _table(said)
-    texts = [plain.get(name) for name in ("family", "model", "software", "uid")]
-    if texts[0] is None or not all(one is None or isinstance(one, str) for one in texts):
-        raise Misfit("an identity")
-    return _same(*cast("list[str]", texts))
-
-
-def _errors(said: object) -> Errors:
-    plain = _table(said)
-    station, events, until = plain.get("station"), plain.get("events"), plain.get("until")
-    if events is not None and not all(type(count) is int for count in _table(events).values()):
-        raise Misfit("numbers of events")
-    ports = {int(port): text for port, text in _texts(plain.get("ports", {})).items()}
-    texts = [None if one is None else _text(one) for one in (station, until)]
-    return Errors(texts[0], ports, cast("dict[str, int] | None", events), texts[1])
-
-
-def _table(said: object) -> Plain:
-    if not isinstance(said, dict):
-        raise Misfit("a table")
-    return said
-
-
-def _texts(table: object) -> dict[str, str]:
-    if not isinstance(table, dict) or not all(type(text) is str for text in table.values()):
-        raise Misfit("a table of texts")
-    return table
-
-
-def _text(said: object) -> str:
-    if not isinstance(said, str):
-        raise Misfit("a text")
-    return said
-
-
-def _all_counts(plain: Plain) -> list[Count]:
-    found = []
-    for port, counters in cast("dict[str, dict[str, object]]", plain.get("counts", {})).items():
-        number = int(port)
-        found += [Count(number, name, unit_of(name), _number(said)) for name, said in counters.items()]
-    for port, name, said in _each(plain, "moving"):
-        values = tuple(_number(one) for one in cast("list[object]", said))
-        found.append(Count(int(port), name, unit_of(name), None, Standing.MOVING, values))
-    for port, name, said in _each(plain, "unread"):
-        found.append(Count(int(port), name, unit_of(name), None, Standing.UNREAD, why=_text(said)))
-    return found
-
-
-def _each(plain: Plain, table: str) -> list[tuple[str, str, object]]:
-    ports = cast(Mapping[str, Mapping[str, object]], plain.get(table, {}))
-    return [(port, name, said) for port, counters in ports.items() for name, said in counters.items()]
-
-
-def _number(said: object) -> float:
-    if type(said) is float:  # most are
-        return said
-    if isinstance(said, bool) or not isinstance(said, int | float):
-        raise Misfit("a number")
-    return float(said)
+def _observation(body: bytes) -> Observation:
+    look = _LOOK.decode(body)
+    return Observation(**{name: getattr(look, name) for name in _SHARED}, counts=tuple(_TABLES.decode(body).each()))
 
 
 # -- ledger -------------------------------------------------------------------------------------------------------------------
@@ -239,8 +160,7 @@ def read_book(path: Path) -> Book:
         return Book(path)
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {_why(error)}") from error
-    with uncollected():
-        found: LineChain[Entry] = chain_in(data, FIRST, read_line, what="line of a ledger", of_first="a ledger's beginning")
+    found: LineChain[Entry] = chain_in(data, FIRST, read_line, what="line of a ledger", of_first="a ledger's beginning")
     return Book(path, found.said, found.wrong, found.head)
 
 

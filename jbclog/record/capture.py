@@ -32,12 +32,12 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
-from typing import Final, cast
+from typing import Final
 
 from jbclog.core.capture_rows import CaptureRow
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, expect_regular, is_plain_folder, open_foreign
-from jbclog.core.foreign.json_reader import Misfit, build, expect_moment, json_of
+from jbclog.core.foreign.json_reader import build, expect_moment, json_of
 from jbclog.record.capture_file import FIXED, Block, Gap, blocks, row_of
 
 FOLDER: Final = "wire"
@@ -120,7 +120,7 @@ def read_head(path: Path) -> Head:
     """What the session was ordered. Raises `RecordError` where the file is no wire record, or of a newer jbclog."""
     try:
         head = _head(path)
-    except (ValueError, Misfit, OSError, RecursionError) as error:
+    except (ValueError, OSError) as error:
         raise RecordError(f"{path} is no wire record: {error}") from error
     if head.format > FORMAT:
         raise RecordError(f"{path}: written in format {head.format}; this jbclog knows {FORMAT}")
@@ -134,7 +134,7 @@ def _head(path: Path) -> Head:
                 raise ValueError("its columns are others")
             _, what, data = (*block.text.removeprefix(COLUMNS).partition("\n")[0].split("\t"), "", "", "")[:3]
             if what == RUN:
-                return _believed(cast(Head, build(Head, json_of(data))), path)
+                return _believed(build(Head, json_of(data)), path)
             if block.first_line == 1:
                 raise ValueError("it does not say of what run it is")
     raise ValueError(_why_none(path))

@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final, NamedTuple, cast
+from typing import Final, NamedTuple
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -20,7 +20,7 @@ import pyarrow.compute as pc
 from jbclog.core.durable_files import sync_folder
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
-from jbclog.core.foreign.json_reader import Misfit, build, json_of
+from jbclog.core.foreign.json_reader import build, json_of
 from jbclog.core.foreign.tables import metadata_of, open_table
 from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import EventRow, Severity, StationFacts
@@ -274,8 +274,8 @@ def known_stations(stock: StoreReader, known: list[StationFacts]) -> list[Statio
         if name in facts and facts[name].outcome != RUNNING:
             continue
         try:
-            facts[name] = cast(StationFacts, build(StationFacts, json_of(text)))
-        except (ValueError, Misfit) as error:
+            facts[name] = build(StationFacts, json_of(text))
+        except ValueError as error:
             raise RecordError(f"{stock.folder}: what is known of station {name} cannot be read: {error}") from error
     return list(facts.values())
 

@@ -17,11 +17,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Final, cast
+from typing import Final
 
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
-from jbclog.core.foreign.json_reader import Misfit, build, expect_period, expect_year, json_of
+from jbclog.core.foreign.json_reader import build, expect_period, expect_year, json_of
 from jbclog.core.locks import is_held
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import late_serials
@@ -216,7 +216,7 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
         changed = why_changed(data)
         if changed is None and not wanted.may_be_in(data, has_annotations=(folder / ANNOTATIONS).exists()):
             return None
-        told = cast(_Summary, build(_Summary, json_of(data, in_utf8=True)))
+        told = build(_Summary, json_of(data, in_utf8=True))
         if told.state not in STATES or told.schema > SCHEMA_VERSION:
             return Unreadable(folder, "its manifest is of a newer jbclog, or none")
         if told.started is not None:
@@ -226,7 +226,7 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
         return _found(folder, told, changed)
     except FileNotFoundError:
         return Unreadable(folder, "it has no manifest: cut off at its very start, or no run; `jbclog recover` finishes it")
-    except (OSError, ValueError, AttributeError, RecursionError, Misfit, RecordError) as error:
+    except (OSError, ValueError, AttributeError, RecursionError, RecordError) as error:
         return Unreadable(folder, f"its manifest cannot be read: {error}")
 
 

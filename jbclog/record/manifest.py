@@ -8,12 +8,12 @@ import re
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final, cast
+from typing import Final
 
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import Misfit, build, expect_moment, expect_period, expect_year, json_of, read_json
+from jbclog.core.foreign.json_reader import build, expect_moment, expect_period, expect_year, json_of, read_json
 from jbclog.core.rows import Goal, StationFacts, TipCheck
 from jbclog.record.schema import SCHEMA_VERSION
 
@@ -212,7 +212,7 @@ def read_manifest(folder: Path) -> Manifest:
         version = data.get("schema")
         if isinstance(version, int) and version > SCHEMA_VERSION:
             raise RecordError(f"{path}: written with schema {version}; this jbclog knows {SCHEMA_VERSION}")
-        manifest = cast(Manifest, build(Manifest, data))
+        manifest = build(Manifest, data)
         if manifest.state not in STATES:
             raise NoManifest(f"{path} is no manifest: its state is {manifest.state!r:.60}")
         for time in (manifest.started, manifest.ended):
@@ -223,7 +223,7 @@ def read_manifest(folder: Path) -> Manifest:
         return manifest
     except FileNotFoundError:
         raise RecordError(f"{folder} has no manifest; it is no run, or one that was cut off at its very start") from None
-    except (OSError, ValueError, AttributeError, RecursionError, Misfit) as error:
+    except (OSError, ValueError, AttributeError, RecursionError) as error:
         raise NoManifest(f"{path} is no manifest: {error}") from error
 
 

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Final, cast
+from typing import Final
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -24,7 +24,7 @@ import pyarrow.parquet as pq
 from jbclog.core.durable_files import sync_file, sync_folder, write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, is_plain_folder, read_foreign
-from jbclog.core.foreign.json_reader import Misfit, build, json_of
+from jbclog.core.foreign.json_reader import build, json_of
 from jbclog.core.foreign.tables import ParquetTable, metadata_of, open_table
 from jbclog.record.schema import SCHEMAS, TABLES
 
@@ -74,8 +74,8 @@ def read_damage(folder: Path) -> list[Damage]:
 def _damage(line: str) -> Damage:
     """A note; one that cannot be read is damage itself."""
     try:
-        return cast(Damage, build(Damage, json_of(line)))
-    except (ValueError, Misfit):
+        return build(Damage, json_of(line))
+    except ValueError:
         return Damage(DAMAGE_NOTES, None, f"a line of it cannot be read: {line!r:.60}")
 
 

@@ -13,11 +13,11 @@ import os
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Final, cast
+from typing import Final
 
 from jbclog.core.durable_files import write_whole
 from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
-from jbclog.core.foreign.json_reader import Misfit, build, json_of, read_json
+from jbclog.core.foreign.json_reader import build, json_of, read_json
 from jbclog.core.locks import is_locked
 from jbclog.core.rows import EventRow, Severity
 from jbclog.transport.typed_lines import LineSource
@@ -135,14 +135,14 @@ class JobDir:
 
     def progress(self) -> JobProgress:
         """How it stood at last."""
-        with contextlib.suppress(Misfit):
-            return cast(JobProgress, build(JobProgress, self._read(NOW)))
+        with contextlib.suppress(ValueError):
+            return build(JobProgress, self._read(NOW))
         return JobProgress()
 
     def result(self) -> JobResult | None:
         """Its last words; None where it had none."""
-        with contextlib.suppress(Misfit):
-            return cast(JobResult, build(JobResult, self._read(SAID)))
+        with contextlib.suppress(ValueError):
+            return build(JobResult, self._read(SAID))
         return None
 
     def ended_at(self) -> float | None:

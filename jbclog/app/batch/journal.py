@@ -15,14 +15,14 @@ from collections.abc import Callable
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final, cast
+from typing import Final
 
 from jbclog.app.batch.state import BatchState, Entry, Kind, batch_state
 from jbclog.core.durable_files import add_line, chain_in, fields_of, line_of, sha256, sync_folder, write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind as FileKind
 from jbclog.core.foreign.files import read_foreign
-from jbclog.core.foreign.json_reader import Misfit, build
+from jbclog.core.foreign.json_reader import build
 
 NAME: Final = "journal.jsonl"
 JOBS_FILE: Final = "jobs.toml"
@@ -130,7 +130,7 @@ def _line(entry: Entry) -> bytes:
 
 def _parsed(line: bytes) -> Entry | None:
     try:
-        said = cast(Entry, build(Entry, fields_of(line)))
+        said = build(Entry, fields_of(line))
         return said if _line(said) == line else None
-    except (ValueError, TypeError, AttributeError, KeyError, RecursionError, Misfit):
+    except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
         return None

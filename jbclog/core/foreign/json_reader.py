@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 import math
 import re
-import types
-from collections.abc import Callable
-from dataclasses import MISSING, fields, is_dataclass
-from functools import cache
 from pathlib import Path
-from typing import Any, Final, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any, Final, TypeVar
+
+import msgspec
 
 from jbclog.core.foreign.files import Kind, read_foreign
+
+T = TypeVar("T")
 
 # Python's JSON accepts NaN, infinity and numbers of any length. Here a number is finite and a whole number fits 64 bits, so that
 # later arithmetic does not fail.
@@ -92,68 +92,9 @@ def expect_year(year: int) -> None:
         raise ValueError(f"{year} is no year between {YEARS[0]} and {YEARS[-1]}")
 
 
-# -- from json ----------------------------------------------------------------------------------------------------------------
-# JSON into dataclasses, by their type hints; what does not fit is said with its key.
+def build(kind: type[T], data: object) -> T:
+    """Convert parsed JSON to `kind`. Raises ValueError naming the key.
 
-
-class Misfit(Exception):
-    """Something that is not what its type hint says."""
-
-
-def build(hint: object, data: object, key: str = "") -> object:
-    """`data` as the type `hint`: dataclasses, lists, tuples, dictionaries, unions and plain values. Raises `Misfit`.
-
-    Keys that the dataclass does not have are left out: a later jbclog of the same schema may have added them.
+    Unknown keys are ignored: a later jbclog of the same schema may have added them. Keys of `dict[int, ...]` are digits in JSON.
     """
-    if type(data) is hint:  # most are plain
-        return data
-    if is_dataclass(hint) and isinstance(hint, type):
-        return _dataclass(hint, data, key)
-    origin, inside = get_origin(hint), get_args(hint)
-    if origin in (Union, types.UnionType):
-        return _first_that_fits(inside, data, key)
-    if origin in (list, tuple) and isinstance(data, list):  # of tuples those of any length: tuple[int, ...]
-        return origin(build(inside[0], item, f"{key}[{place}]") for place, item in enumerate(data))
-    if origin is dict and isinstance(data, dict):
-        return {_key(inside[0], name, key): build(inside[1], item, f"{key}.{name}") for name, item in data.items()}
-    if hint is float and type(data) is int and abs(data) <= LARGEST:
-        return float(data)
-    if hint is object:
-        return data
-    raise Misfit(f"{key}: {data!r:.60} does not belong there")
-
-
-def _dataclass(hint: type, data: object, key: str) -> object:
-    if not isinstance(data, dict):
-        raise Misfit(f"{key or hint.__name__}: not an object")
-    hints, made = _hints(hint), {}
-    for one in fields(hint):
-        if one.name in data:
-            made[one.name] = build(hints[one.name], data[one.name], f"{key}.{one.name}".lstrip("."))
-        elif one.default is MISSING and one.default_factory is MISSING:
-            raise Misfit(f"{key or hint.__name__}: {one.name} is missing")
-    return cast(Callable[..., object], hint)(**made)
-
-
-@cache
-def _hints(hint: type) -> dict[str, object]:
-    """Which take longer to find out than all the rest."""
-    return get_type_hints(hint)
-
-
-def _first_that_fits(hints: tuple[object, ...], data: object, key: str) -> object:
-    for hint in hints:
-        try:
-            return build(hint, data, key)
-        except Misfit:
-            continue
-    raise Misfit(f"{key}: {data!r:.60} does not belong there")
-
-
-def _key(hint: object, name: str, key: str) -> str | int:
-    if hint is int:
-        try:
-            return int(name)
-        except ValueError:
-            raise Misfit(f"{key}: {name!r} is not a number") from None
-    return name
+    return msgspec.convert(data, kind, str_keys=True)

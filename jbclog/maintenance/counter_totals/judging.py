@@ -17,6 +17,8 @@ from enum import Enum
 from itertools import groupby
 from typing import Final
 
+import msgspec
+
 from jbclog.maintenance.counter_totals.observed import DRIFT, Identity
 from jbclog.maintenance.counter_totals.span import NOTHING, Interval, Reading, Span
 from jbclog.maintenance.counter_totals.totals import Join, Kind
@@ -25,8 +27,7 @@ from jbclog.maintenance.counter_totals.totals import Join, Kind
 # What a difference was judged to be, before it is put into words.
 
 
-@dataclass(slots=True)  # as `Span`: made too often to be frozen
-class Judged:
+class Judged(msgspec.Struct, frozen=True, gc=False):
     """A span and what it means. `lost` is, of a counter that was reset, what it had counted since the last reading before it;
     where the join is loose, all that is known."""
 

@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Final
 
+import msgspec
+
 from jbclog.maintenance.counter_totals.span import NOTHING, Interval
 
 
@@ -31,8 +33,7 @@ DOUBTFUL: Final = frozenset({Kind.IMPOSSIBLE, Kind.SUSPECT})
 PLAIN: Final = frozenset({Kind.NORMAL, Kind.ZERO})
 
 
-@dataclass(slots=True)  # as `Interval`: never changed, and made too often to be frozen
-class Difference:
+class Difference(msgspec.Struct, frozen=True, gc=False):
     """Between two readings, of what kind, and by which rule (its name, and a sentence).
 
     `delta` holds what was really worked in between (`high` infinite where nothing bounds it); `is_known` where it is no wider
@@ -78,8 +79,7 @@ class Join(StrEnum):
     LOOSE = "loose"  # only bounds are known
 
 
-@dataclass(slots=True)  # as `Difference`
-class Point:
+class Point(msgspec.Struct, frozen=True, gc=False):
     """A reading with what led to it. `shown` counts on over roll-overs; `lost` is what a reset took, or all that is known."""
 
     look: int

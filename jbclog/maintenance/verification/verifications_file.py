@@ -11,12 +11,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final, cast
+from typing import Final
 
 from jbclog.core.durable_files import add_line, chain_in, fields_of, first_faults, line_of, sha256, sync_folder
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import Misfit, build
+from jbclog.core.foreign.json_reader import build
 from jbclog.core.rows import TipCheck
 from jbclog.maintenance.verification.verification import Verification
 
@@ -80,9 +80,9 @@ def read_book(out: Path) -> Book:
 
 def _parsed(line: bytes) -> Verification | None:
     try:
-        said = cast(Verification, build(Verification, fields_of(line)))
+        said = build(Verification, fields_of(line))
         return said if line_of(asdict(said)) == line else None
-    except (ValueError, TypeError, AttributeError, KeyError, RecursionError, Misfit):
+    except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
         return None
 
 

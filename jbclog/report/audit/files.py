@@ -9,10 +9,10 @@ Times are UTC in ISO 8601. Without an upper end `high` is empty, as is what is n
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import fields, is_dataclass
-from enum import Enum
+from collections.abc import Iterator
 from typing import Final
+
+import msgspec
 
 from jbclog.core.text import csv_text
 from jbclog.maintenance.counter_totals.span import Interval
@@ -116,28 +116,15 @@ Plain = dict[str, object]
 
 
 def plain_audit(audit: FleetAudit) -> Plain:
-    """Everything in it, with each station's state and what there is to find there."""
-    return _fields(audit) | {"stations": [_station(one) for one in audit.stations]}
+    """Return everything in it, with each station's state and findings."""
+    return plain(audit) | {"stations": [_station(one) for one in audit.stations]}
 
 
 def _station(station: StationAudit) -> Plain:
     found = sorted(one.value for one in findings(station))
-    return {"state": station.state.value, "findings": found} | _fields(station)
+    return {"state": station.state.value, "findings": found} | plain(station)
 
 
-def _fields(value: object) -> Plain:
-    assert is_dataclass(value)
-    return {one.name: plain(getattr(value, one.name)) for one in fields(value)}
-
-
-def plain(value: object) -> object:
-    """As JSON has it."""
-    if isinstance(value, Enum):
-        return value.value
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if is_dataclass(value):
-        return _fields(value)
-    if isinstance(value, Mapping):
-        return {str(key): plain(one) for key, one in value.items()}
-    return [plain(one) for one in value] if isinstance(value, list | tuple) else value
+def plain(model: object) -> Plain:
+    """Return the fields of a model as JSON has them."""
+    return msgspec.json.decode(msgspec.json.encode(model), type=Plain)

@@ -7,7 +7,7 @@ request and every script.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache, partial
 from typing import Final
 
@@ -16,7 +16,7 @@ from markupsafe import Markup
 
 from jbclog import __version__
 from jbclog.core.text import clean, number, stamp, together
-from jbclog.maintenance.counter_totals.span import NOTHING
+from jbclog.maintenance.counter_totals.span import NOTHING, Interval
 from jbclog.maintenance.counter_totals.totals import Difference, Kind
 from jbclog.maintenance.fleet import ABSENT, FLEET, TITLES, FleetAudit, Meter, StationAudit, UseFigure, Week
 from jbclog.report.audit import overview, plots
@@ -62,7 +62,7 @@ class UseRow:
         figure = self.figures.get(name)
         if figure is None or figure.value is None:
             return self.text(name, digits)
-        return span(replace(NOTHING, low=figure.value, high=figure.value), digits)
+        return span(Interval(figure.value, figure.value), digits)
 
     def has(self, name: str) -> bool:
         return self.value(name) is not None

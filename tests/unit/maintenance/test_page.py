@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from itertools import cycle
 
+import msgspec
 import pytest
 
 from jbclog.maintenance.due import State
@@ -120,10 +121,11 @@ def test_a_hall_of_a_hundred_is_drawn_small_and_whole() -> None:
 
 def spoilt(value: object, texts: object) -> object:
     """The same value with a hostile text in the place of every text that is not a time or a word of ours."""
-    if is_dataclass(value) and not isinstance(value, type):
+    if isinstance(value, msgspec.Struct) or (is_dataclass(value) and not isinstance(value, type)):
         kept = {"time", "told", "audit", "begin", "end", "since", "last_seen", "p10", "p50", "p90", "than", "kind", "name"}
-        changed = {one.name: spoilt(getattr(value, one.name), texts) for one in fields(value) if one.name not in kept and one.init}
-        return replace(value, **changed)
+        names = [one.name for one in fields(value) if one.init] if is_dataclass(value) else value.__struct_fields__
+        changed = {name: spoilt(getattr(value, name), texts) for name in names if name not in kept}
+        return replace(value, **changed) if is_dataclass(value) else msgspec.structs.replace(value, **changed)
     if isinstance(value, tuple):
         return tuple(spoilt(one, texts) for one in value)
     if isinstance(value, dict):

@@ -10,7 +10,7 @@ import pytest
 
 from jbclog.core import durable_files
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.json_reader import Misfit, build
+from jbclog.core.foreign.json_reader import build
 from jbclog.core.rows import Goal, StationFacts
 from jbclog.record.find_runs import ALL, Unreadable, summary_of
 from jbclog.record.manifest import (
@@ -97,11 +97,14 @@ def test_a_write_that_fails_leaves_the_old_one(tmp_path: Path, monkeypatch: pyte
     [
         ("", "no manifest"),
         ("[]", "no manifest"),
-        ("{}", "run is missing"),
+        ("{}", "missing required field `run`"),
         ('{"run": 5}', "run"),
-        ('{"run": "r", "stations": [{"name": "a"}]}', "url is missing"),
+        ('{"run": "r", "stations": [{"name": "a"}]}', r"missing required field `url` - at `\$.stations\[0\]`"),
         ('{"run": "r", "lost": {"seconds_at_most": "x", "text": ""}}', "lost"),
-        ('{"run": "r", "stations": [{"name": "a", "url": "", "family": "", "tools": {"x": "T"}}]}', "not a number"),
+        (
+            '{"run": "r", "stations": [{"name": "a", "url": "", "family": "", "tools": {"x": "T"}}]}',
+            r"Expected `int`, got `str` - at `key` in `\$.stations\[0\].tools`",
+        ),
         ('{"run": "r", "schema": 99}', "this jbclog knows 1"),
         ("[" * 100_000, "no manifest"),
     ],
@@ -123,8 +126,8 @@ def test_a_key_of_a_later_jbclog_is_left_out(tmp_path: Path) -> None:
 
 
 def test_a_flag_is_not_a_number() -> None:
-    with pytest.raises(Misfit):
-        build(int, True, "n")
+    with pytest.raises(ValueError, match="got `bool`"):
+        build(int, True)
 
 
 def test_times_are_exact() -> None:
