@@ -163,7 +163,8 @@ def keys() -> set[str]:
 
 def types_of(one: type) -> dict[str, str]:
     """Key -> type, as the class declares them."""
-    return {key: str(kind) for key, kind in one.__annotations__.items() if not key.startswith("_")}
+    declared = [getattr(base, "__annotations__", {}) for base in reversed(one.__mro__)]
+    return {key: str(kind) for keys in declared for key, kind in keys.items() if not key.startswith("_")}
 
 
 def _rows(name: str, one: type) -> list[tuple[str, str, str]]:
@@ -173,7 +174,9 @@ def _rows(name: str, one: type) -> list[tuple[str, str, str]]:
 def json_type(kind: str) -> str:
     """A type of Python as JSON has it."""
     text = re.sub(
-        r"\b(?:LineFile|RecipeFile|Metadata|Unit|StationFacts|Lost|SealedFile|Previous|TipCheck|Goal|Ledger)\b", "object", kind
+        r"\b(?:LineFile|RecipeFile|Metadata|Unit|StationFacts|Lost|SealedFile|Previous|TipCheck|Goal|Ledger)\b",
+        "object",
+        re.sub(r"Literal\[.*?\]", "str", kind),
     )
     for python, json in (
         ("str", "text"),
