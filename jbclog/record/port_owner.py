@@ -1,9 +1,8 @@
-"""Which run holds a station's port, as others can see it: by what its recorder has open.
+"""Finds the run in progress that holds a station's port.
 
-A run holds the port of a station until the session of that station has ended, also while a cable is out and the port itself is
-closed. Its manifest names the ports from the start, its live store the sessions that have ended, and the lock of its folder shows
-that somebody is writing there. All of this needs /proc; without it only the lock of the port itself tells. What reads a record
-is loaded only where there is one.
+A run holds a port until that station's session ends, also while the link is down and the port closed. Its manifest lists the
+ports, its live store the ended sessions, and the lock of its folder the recorder. This needs /proc; without it only the lock of
+the port itself protects it. The code that reads a record is imported only where there is one.
 """
 
 from __future__ import annotations
@@ -27,12 +26,12 @@ RUNNING: Final = "running"
 
 
 def run_that_holds(url: str) -> Path | None:
-    """The folder of the run in progress on this machine to which the port at `url` belongs now."""
+    """Return the folder of the run in progress on this machine that holds the port at `url`."""
     return next(iter(runs_that_hold([url])), None)
 
 
 def runs_in_progress() -> Iterator[Path]:
-    """The folders that recorders of this user (for root: of all) are writing to."""
+    """Yield the folders that recorders of this user (for root: of all users) are writing to."""
     seen: set[Path] = set()
     for process in _processes():
         for folder in _folders_of(process):
@@ -42,38 +41,38 @@ def runs_in_progress() -> Iterator[Path]:
 
 
 def runs_that_hold(urls: Collection[str]) -> list[Path]:
-    """The folders of the runs in progress on this machine to which any of the ports at `urls` belongs now."""
+    """Return the folders of the runs in progress on this machine that hold any of the ports at `urls`."""
     wanted = [port_address(url) for url in urls]
     return [folder for folder in runs_in_progress() if _holds(folder, wanted)]
 
 
 def holds(folder: Path, urls: Collection[str]) -> bool:
-    """Whether any of the ports at `urls` belongs to the run in `folder`, which is still in progress."""
+    """Whether the run in `folder` is in progress and holds any of the ports at `urls`."""
     return _is_recorded(folder) and _holds(folder, [port_address(url) for url in urls])
 
 
 def why_held(urls: Mapping[str, str]) -> dict[str, str]:
-    """Why stations, whose ports these are by their names, cannot be had; nothing of those that can.
+    """Return the reason for each station (name to URL) whose port a run holds.
 
-    A server of ports takes a second client, and a run holds its ports while a cable is out, too.
+    The port's own lock is not enough: a serial server accepts a second client, and a run holds its ports while a link is down.
     """
     found = {}
     for run in runs_that_hold([*urls.values()]):
         process = recorder_of(run)
         who = f"the run {run} (process {process}) holds" if process else f"the run {run} holds"
         for name in (name for name, url in urls.items() if holds(run, [url])):
-            found[name] = f"{name}: {who} this port; nothing was sent. End that run, or wait for its end"
+            found[name] = f"{name}: {who} this port; nothing was sent. End that run or wait for its end"
     return found
 
 
 def recorder_of(folder: Path) -> int | None:
-    """The process that records the run in `folder`, as its lock says and the system bears out."""
+    """Return the process that records the run in `folder`: the one in its lock, if it has the lock open."""
     process = holder_pid(folder)
     return process if process and folder in _folders_of(process) else None
 
 
 def run_of(process: int) -> Path | None:
-    """The folder of the run that this process records."""
+    """Return the folder of the run that this process records."""
     return next(_folders_of(process), None)
 
 
@@ -84,7 +83,7 @@ def _processes() -> list[int]:
 
 
 def _folders_of(process: int) -> Iterator[Path]:
-    """Where a process has the lock of a run's folder open."""
+    """Yield the run folders whose locks a process has open."""
     with contextlib.suppress(OSError), os.scandir(f"/proc/{process}/fd") as descriptors:
         for descriptor in descriptors:
             with contextlib.suppress(OSError):
@@ -94,7 +93,7 @@ def _folders_of(process: int) -> Iterator[Path]:
 
 
 def _is_recorded(folder: Path) -> bool:
-    """Whether a recorder holds the folder's lock. A pipe of that name, which somebody has open, is nobody's lock."""
+    """Whether a recorder holds the folder's lock. A pipe of that name is not a lock."""
     with contextlib.suppress(NotReadable):
         return is_held(folder)
     return False
@@ -103,11 +102,11 @@ def _is_recorded(folder: Path) -> bool:
 def _holds(folder: Path, wanted: Collection[PortAddress]) -> bool:
     from jbclog.record.manifest import read_manifest
 
-    ended = _ended(folder)  # before the manifest: where the store was removed meanwhile, that one says sealed
+    ended = _ended(folder)  # before the manifest, which says "sealed" if the store is removed meanwhile
     try:
         manifest = read_manifest(folder)
     except RecordError:
-        return False  # it has not begun to ask anything
+        return False  # it has not sent anything yet
     if manifest.state != "open":
         return False
     held = [port_address(facts.url) for facts in manifest.stations if facts.outcome == RUNNING and facts.name not in ended]
@@ -115,11 +114,11 @@ def _holds(folder: Path, wanted: Collection[PortAddress]) -> bool:
 
 
 def _ended(folder: Path) -> set[str]:
-    """The stations whose sessions have ended, as far as that has been stored."""
+    """Return the stations whose stored facts say that their session has ended."""
     from jbclog.record.store import FACTS, Segment, segments
 
     facts: dict[str, str] = {}
-    with contextlib.suppress(OSError, sqlite3.Error, RecordError, ValueError, TypeError):  # those of anybody's run may be anything
+    with contextlib.suppress(OSError, sqlite3.Error, RecordError, ValueError, TypeError):  # a foreign store can hold anything
         for path in segments(folder):
             with closing(Segment.look(path)) as segment:
                 facts |= segment.notes(FACTS)
@@ -127,7 +126,7 @@ def _ended(folder: Path) -> set[str]:
 
 
 def _says_ended(text: str) -> bool:
-    """Whether a station's facts say that its session is over; those of anybody's run may be no facts at all."""
+    """Whether a station's facts say that its session has ended. Foreign text may be no facts at all."""
     with contextlib.suppress(ValueError, TypeError, RecursionError):
         facts = json.loads(text)
         return isinstance(facts, dict) and facts.get("outcome", RUNNING) != RUNNING

@@ -1,8 +1,7 @@
 """Finishes runs that a crash left open.
 
-What a crash can leave: an empty folder; inputs without a manifest; a live store, with or without parts of its rows
-sealed already; everything sealed but the store not removed. All of it ends in the same sealed form, and what is missing
-is said in the manifest.
+A crash can leave an empty folder, inputs without a manifest, a live store with some of its rows already sealed, or a sealed run
+whose store was not removed. All of these end in the same sealed form; the manifest states what is missing.
 """
 
 from __future__ import annotations
@@ -48,12 +47,9 @@ from jbclog.record.seal import seal_rows
 from jbclog.record.store import refuse_newer, segments
 from jbclog.record.store_reader import StoreReader
 
-# -- bad parts ----------------------------------------------------------------------------------------------------------------
-# Parts that are not what was sealed, or cannot be read: found, noted, and set aside so that their rows can be sealed anew.
-
 
 def changed_parts(folder: Path, manifest: Manifest) -> dict[str, str]:
-    """Parts that a manifest lists and that are not what was sealed, and why not."""
+    """Return the parts of a manifest that differ from what was sealed, each with the reason."""
     found = {}
     for listed in manifest.files:
         if listed.path.partition("/")[0] in TABLES:
@@ -74,7 +70,7 @@ def _difference(folder: Path, listed: SealedFile) -> str | None:
 
 
 def set_parts_aside(folder: Path, manifest: Manifest) -> None:
-    """Set parts aside that cannot be read or were changed; rows of theirs that the live store still has are sealed again."""
+    """Set unreadable and changed parts aside and note them; their rows are sealed again as far as the live store has them."""
     wrong = changed_parts(folder, manifest)
     for table in TABLES:
         for path in part_paths(folder, table):
@@ -94,11 +90,9 @@ def _unreadable(path: Path) -> str | None:
     return None
 
 
-# -- recover ------------------------------------------------------------------------------------------------------------------
-
-PATIENCE_S: Final = 10.0  # a sealing child that outlived its recorder is given this long to end
-FINISHED: Final = "finished already; nothing was changed."
-NOT_REBUILT: Final = "No live store is left to rebuild it from; `jbclog check` says what else is wrong."
+PATIENCE_S: Final = 10.0  # how long to wait for a sealing child that outlived its recorder
+FINISHED: Final = "already finished; nothing was changed."
+NOT_REBUILT: Final = "No live store is left to rebuild it from; `jbclog check` lists what else is wrong."
 EXIT_CODE: Final = RecordError.exit_code
 
 
@@ -112,9 +106,9 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Recovery:
-    """What came of one run; `text` is the sentence for people, `rows` what is sealed: rows by table, and lines of wires.
+    """The result for one run: a sentence in `text`, the sealed rows by table and lines of captures in `rows`.
 
-    `is_safe`: no tool of it may be hot still, as far as its record knows.
+    `is_safe` is False where the record shows a tool that may still be hot.
     """
 
     folder: Path
@@ -125,12 +119,12 @@ class Recovery:
 
 
 def is_run(folder: Path) -> bool:
-    """Whether `folder` is, or was going to be, the folder of a run."""
+    """Whether `folder` is a run's folder, also one that a crash left empty."""
     return folder.is_dir() and (bool(RUN_NAME.fullmatch(folder.name)) or (folder / NAME).exists() or bool(segments(folder)))
 
 
 def recover_all(folder: Path, patience_s: float = PATIENCE_S) -> list[Recovery]:
-    """Recover the run in `folder`, or every run directly below it; one that is refused does not stop the others."""
+    """Recover the run in `folder`, or every run directly below it; a refused one does not stop the others."""
     expect_answer(folder)
     runs = [folder] if is_run(folder) else sorted(path for path in folder.iterdir() if is_run(path))
     return [_tried(run, patience_s) for run in runs]
@@ -146,11 +140,10 @@ def _tried(folder: Path, patience_s: float) -> Recovery:
 def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
     """Finish the run in `folder`.
 
-    Raises `RecordError`, and then changed nothing that matters: the run is being written, or by a newer jbclog, or the
-    disk does not take what has to be written.
+    Raises `RecordError` where the run is being written, is of a newer jbclog, or the disk fails. The record is then unchanged.
     """
     if not is_run(folder):
-        raise RecordError(f"{folder} is no run")
+        raise RecordError(f"{folder} is not a run")
     expect_no_links(folder)
     manifest = _draft(folder)
     if manifest.state == "sealed" and not live_files(folder):
@@ -162,7 +155,7 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
             manifest = _draft(folder)  # the recorder may have finished while we waited
             if manifest.state == "sealed" and not changed_parts(folder, manifest):
                 remove_live(folder, lock)
-                return _recovery(folder, Outcome.RECOVERED, f"{folder.name}: was sealed already; its live store is removed now.")
+                return _recovery(folder, Outcome.RECOVERED, f"{folder.name}: already sealed; its live store is now removed.")
             return _finish(folder, manifest, lock)
     except OSError as error:
         raise RecordError(f"{folder} cannot be recovered: {error}") from error
@@ -171,7 +164,7 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
 
 
 def _not_rebuilt(folder: Path, manifest: Manifest) -> str:
-    """What of a sealed run's rows is damaged and has nothing that it could be rebuilt from; nothing where all is well."""
+    """Describe the damaged parts of a sealed run, which nothing is left to rebuild; empty where there are none."""
     found = [f"{name} {why}" for name, why in changed_parts(folder, manifest).items()]
     return f" But {'; '.join(found)}. {NOT_REBUILT}" if found else ""
 
@@ -186,11 +179,11 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     manifest = replace(manifest, guard="lost" if guard_actions.was_lost(folder) else manifest.guard)
     with StoreReader(folder) as stock:
         _note_missing_end(folder, stock.last)
-        stations = _tell_left_hot(folder, manifest, stock)
+        stations = _note_left_hot(folder, manifest, stock)
         manifest = _outcome(folder, manifest, stock, is_safe=not any(facts.unsafe for facts in stations))
     sealed = conclude(folder, manifest, lock)
     rows = rows_of(sealed)
-    text = f"{folder.name}: recovered, {_told(rows)} sealed; exit status {sealed.exit_status}, verdict {sealed.verdict}."
+    text = f"{folder.name}: recovered, {_counted(rows)} sealed; exit status {sealed.exit_status}, verdict {sealed.verdict}."
     unsafe = [facts.name for facts in sealed.stations if facts.unsafe]
     return _recovery(folder, Outcome.RECOVERED, text + (f" {sealed.lost.text}" if sealed.lost else ""), rows, unsafe)
 
@@ -202,8 +195,8 @@ def _recovery(
     return Recovery(folder, outcome, f"{text} {warning}".rstrip(), rows, is_safe=not warning)
 
 
-def _tell_left_hot(folder: Path, manifest: Manifest, stock: StoreReader) -> list[StationFacts]:
-    """Put into the events what is not known of tools; give the facts with that in them."""
+def _note_left_hot(folder: Path, manifest: Manifest, stock: StoreReader) -> list[StationFacts]:
+    """Add an event for each tool whose safe state is not known; return the stations' facts with it."""
     stations = stations_of(folder, stock, manifest)
     unknown = unknown_tools(folder, stations, manifest.guard)
     guard_actions.take_in(folder, manifest.run, hot_events(unknown, last_micros(folder) or 0))
@@ -211,7 +204,7 @@ def _tell_left_hot(folder: Path, manifest: Manifest, stock: StoreReader) -> list
 
 
 def rows_of(manifest: Manifest) -> dict[str, int]:
-    """How many rows of each table are sealed, and how many lines of wires where those were kept."""
+    """Return the number of sealed rows by table, and of capture lines where the run was captured."""
     found: Counter[str] = Counter(dict.fromkeys(TABLES, 0))
     for file in manifest.files:
         found[file.path.partition("/")[0]] += file.rows or 0
@@ -219,18 +212,18 @@ def rows_of(manifest: Manifest) -> dict[str, int]:
     return {name: found[name] for name in names}
 
 
-def _told(rows: Mapping[str, int]) -> str:
+def _counted(rows: Mapping[str, int]) -> str:
     counted = [f"{count} {_named(name, count)}" for name, count in rows.items()]
     return f"{', '.join(counted[:-1])} and {counted[-1]}"
 
 
 def _named(name: str, count: int) -> str:
-    several = "lines of wires" if name == capture.FOLDER else name
-    return several if count != 1 else "line of wires" if name == capture.FOLDER else name.removesuffix("s")
+    several = "lines of serial capture" if name == capture.FOLDER else name
+    return several if count != 1 else "line of serial capture" if name == capture.FOLDER else name.removesuffix("s")
 
 
 def _draft(folder: Path) -> Manifest:
-    """The manifest as the recorder left it; an empty one where it had not come to writing it."""
+    """Return the manifest as the recorder left it, or an empty one where it had not been written."""
     if not (folder / NAME).exists():
         return Manifest(run=folder.name)
     try:
@@ -242,16 +235,16 @@ def _draft(folder: Path) -> Manifest:
     except NoManifest as error:
         if not live_files(folder):
             raise
-        parts.note_damage(folder, [parts.Damage(NAME, None, f"cannot be read and was written anew from the live store: {error}")])
+        parts.note_damage(folder, [parts.Damage(NAME, None, f"cannot be read; rewritten from the live store: {error}")])
         parts.set_aside(folder, folder / NAME)
         return Manifest(run=folder.name)
 
 
 def _outcome(folder: Path, manifest: Manifest, stock: StoreReader, *, is_safe: bool) -> Manifest:
-    """What the manifest has to say of the end that the recorder could not write."""
+    """Complete the manifest with the end that the recorder could not write."""
     found = parts.read_damage(folder)
     if stock.was_closed and manifest.exit_status is not None and not found:
-        return manifest  # the run ended as it says; only its sealing was cut short
+        return manifest  # the run ended properly; only its sealing was interrupted
     return replace(
         manifest,
         exit_status="lost",
@@ -264,7 +257,7 @@ def _outcome(folder: Path, manifest: Manifest, stock: StoreReader, *, is_safe: b
 def _lost(found: list[parts.Damage], stock: StoreReader) -> Lost:
     unkept = unkept_rows(stock)
     if stock.was_closed and not found and not unkept:
-        return Lost(0.0, "The recorder ended before it could write what came of the run; all of its rows are there.")
+        return Lost(0.0, "The recorder ended before it could write the run's result; no row is missing.")
     ends = [one.seconds for one in found if one.seconds is not None]
     text, at_risk_s = "The recorder ended without closing the record.", _at_risk_s(stock.folder)
     if len(ends) == len(found) and not unkept:
@@ -275,9 +268,9 @@ def _lost(found: list[parts.Damage], stock: StoreReader) -> Lost:
 
 
 def _at_risk_s(folder: Path) -> float:
-    """The longest that rows can have waited for their commit: as always, or longer where disk or machine kept it waiting.
+    """Return the longest time that rows can have waited for their commit, in seconds.
 
-    A guard saw when the recorder ended, so with one it is known how long the last wait was.
+    The guard's log has the recorder's end, and with it the length of the last wait.
     """
     said = commit_status(folder)
     ended = [event.time / 1e6 for event in guard_actions.action_log(folder) if event.kind == TOOK_OVER[0]]
@@ -286,7 +279,7 @@ def _at_risk_s(folder: Path) -> float:
 
 
 def _was_to_be_judged(folder: Path, manifest: Manifest) -> bool:
-    """Whether a recipe of the run states limits; one that cannot be read is taken to state some."""
+    """Whether a recipe of the run states limits. An unreadable recipe counts as one that does."""
     if manifest.verdict is not None:
         return manifest.verdict != "NOT JUDGED"
     try:
@@ -296,10 +289,10 @@ def _was_to_be_judged(folder: Path, manifest: Manifest) -> bool:
 
 
 def _wire(folder: Path, manifest: Manifest) -> str | None:
-    """What is missing of the wires; what a crash left at the end of their files is cut off."""
+    """Cut incomplete ends off the serial captures; return what is missing of them, `WHOLE` for nothing, None without captures."""
     paths = capture.wire_paths(folder)
     if not paths:
-        return None if manifest.wire is None else "The recorder ended before it had begun."
+        return None if manifest.wire is None else "The recorder ended before the capture began."
     return " ".join(text for path in paths for text in _lacking(path)) or capture.WHOLE
 
 
@@ -308,21 +301,21 @@ def _lacking(path: Path) -> Iterator[str]:
     try:
         cut = capture.mend(path)
         if cut:
-            yield f"{name}: its last {cut} bytes were no whole block, and were cut off."
+            yield f"{name}: the last {cut} bytes were an incomplete block and were cut off."
         if not path.stat().st_size:
-            path.unlink()  # a file in which nothing stands is no wire record
-            yield f"{name}: nothing of it was written."
+            path.unlink()
+            yield f"{name}: empty."
             return
         yield from (f"{name}: {text}." for text in sealed_files.losses(path))
         if not capture.is_done(path):
-            yield f"{name} ends before its session did: at most its last {AT_RISK_S:g} s is missing, or what wire.failed says."
+            yield f"{name} ends before its session: at most the last {AT_RISK_S:g} s are missing, or what wire.failed says."
     except OSError as error:
         yield f"{name} cannot be read: {error.strerror or error}."
 
 
 def _note_missing_end(folder: Path, last: int) -> None:
-    """What the recorder said was committed, and is not in the store: the end of its log is gone."""
+    """Note batches that the recorder acknowledged and that the store lacks: the end of SQLite's log is lost."""
     missing = commit_status(folder).last - last
     if missing > 0:
         which = f"batches {last + 1} to {last + missing}"
-        parts.note_damage(folder, [parts.Damage(which, None, "acknowledged, and missing from the live store", missing * AT_RISK_S)])
+        parts.note_damage(folder, [parts.Damage(which, None, "acknowledged, but missing from the live store", missing * AT_RISK_S)])

@@ -1,11 +1,10 @@
-"""Sealing: rows move from the live store into Parquet parts, and at the end the run is closed for good.
+"""Sealing: moves rows from the live store into Parquet parts.
 
-The order in which things happen is the whole point. A part is complete, synced and compared before it gets its name
-(`parts`); what it holds is told by the number of its last batch; only then are batches deleted, and the live store as a
-whole only after the manifest says that the run is sealed. Wherever a crash falls, each row is in a part, in the store,
-or in both, and who finds it in both knows it.
+The order survives a crash anywhere. A part is complete, synced and compared before it gets its name (`parts`) and carries the
+number of its last batch; then its batches are deleted; the store itself is removed only after the manifest says "sealed". So each
+row is in a part, in the store, or recognizably in both.
 
-Hourly, and at the end, the rows are moved by a child process of low priority: ``python -m jbclog.record.seal RUN``.
+A child process of low priority does this hourly and at the end: ``python -m jbclog.record.seal RUN``.
 """
 
 from __future__ import annotations
@@ -34,10 +33,10 @@ NICENESS: Final = 10
 
 
 def seal_rows(folder: Path, *, part: bool = False) -> int:
-    """Move what is in the live store into Parquet; give the number of the last batch that is sealed now.
+    """Move the rows of the live store into Parquet; return the number of the last sealed batch.
 
-    With `part` the recorder goes on and what was sealed is deleted from its store; without, the store stays until
-    `conclude` removes it. The caller holds the folder's lock, or its parent does. Raises `RecordError`.
+    With `part` the recorder continues and sealed batches are deleted from its store; without, `conclude` removes the store. The
+    caller or its parent holds the folder's lock. Raises `RecordError`.
     """
     try:
         remove_leavings(folder)
@@ -50,7 +49,7 @@ def seal_rows(folder: Path, *, part: bool = False) -> int:
 
 
 def _seal_stock(folder: Path) -> tuple[int, bool]:
-    """Seal what is there; give the number of the last batch and whether all of them were sound."""
+    """Seal all batches; return the number of the last one and whether all were sound."""
     with StoreReader(folder) as stock:
         for table in TABLES:
             numbers = stock.numbers_of(table, through(folder, table))
@@ -74,7 +73,7 @@ def _delete(folder: Path, last: int) -> None:
 
 
 class SealChild:
-    """`seal_rows` in a child process of low priority. It holds the folder's lock even when the recorder is gone."""
+    """`seal_rows` in a child process of low priority, which holds the folder's lock even if the recorder dies."""
 
     def __init__(self, folder: Path, lock: FolderLock, *, part: bool = False) -> None:
         command = [sys.executable, "-P", "-m", "jbclog.record.seal", str(folder), "--lock", str(lock.descriptor)]
@@ -84,7 +83,7 @@ class SealChild:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             pass_fds=[lock.descriptor],
-            start_new_session=True,  # Ctrl-C ends the run in good order; it must not end its sealing
+            start_new_session=True,  # Ctrl-C must not end the sealing
         )
 
     @property
@@ -92,34 +91,34 @@ class SealChild:
         return self._child.pid
 
     def ended(self) -> str | None:
-        """None while it works; then what went wrong, nothing where all is well."""
+        """Return None while it works, then the error's text, empty for success."""
         return None if self._child.poll() is None else self.wait()
 
     def wait(self) -> str:
-        """Wait for its end; give what went wrong, nothing where all is well."""
-        _, told = self._child.communicate()
+        """Wait for its end; return the error's text, empty for success."""
+        _, stderr = self._child.communicate()
         if self._child.returncode == 0:
             return ""
-        return told.decode(errors="replace").strip() or f"the sealing child ended with {self._child.returncode}"
+        return stderr.decode(errors="replace").strip() or f"the sealing child ended with {self._child.returncode}"
 
 
 def seal_in_child(folder: Path, lock: FolderLock) -> None:
-    """Move all rows into Parquet in a child process and wait for it. Raises `RecordError`."""
+    """Run `seal_rows` in a child process and wait for it. Raises `RecordError`."""
     problem = SealChild(folder, lock).wait()
     if problem:
         raise RecordError(problem)
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """The child."""
+    """Run the child process."""
     parser = argparse.ArgumentParser(prog="python -m jbclog.record.seal", description="Seals a run's rows into Parquet.")
     parser.add_argument("run", type=Path)
-    parser.add_argument("--part", action="store_true", help="the recorder goes on; delete what was sealed from its store")
+    parser.add_argument("--part", action="store_true", help="the recorder continues; delete sealed batches from its store")
     parser.add_argument("--lock", type=int, help="the folder's lock, inherited from the recorder")
     given = parser.parse_args(arguments)
     os.nice(NICENESS)
-    pa.set_cpu_count(1)  # beside a recorder that needs its cores
-    pa.set_memory_pool(pa.system_memory_pool())  # which gives back what is freed
+    pa.set_cpu_count(1)  # the recorder needs the other cores
+    pa.set_memory_pool(pa.system_memory_pool())  # returns freed memory to the system
     try:
         lock = FolderLock(given.run, given.lock) if given.lock is not None else FolderLock.take(given.run)
         lock.expect_ours()

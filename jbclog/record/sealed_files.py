@@ -1,4 +1,7 @@
-"""Sealed files held against what was sealed: rows and captures that are lost or changed."""
+"""Compares sealed files with the manifest before they are shown or replayed.
+
+Parquet's check sums do not cover its footer, where one flipped bit changes times, types and counts; the manifest's hashes do.
+"""
 
 from __future__ import annotations
 
@@ -12,21 +15,15 @@ from jbclog.record.capture import FOLDER, Head, holes, is_done, read_head, wire_
 from jbclog.record.conclude import sealed_file
 from jbclog.record.manifest import NAME, Manifest, wrong_digest
 
-# -- sealed rows --------------------------------------------------------------------------------------------------------------
-# Sealed rows are shown only where their files are those that were sealed: nobody is to read a wrong value for a right one.
-#
-# The check sums of Parquet cover its pages and not its footer, in which a flipped bit makes other times, types and counts;
-# the manifest's hashes cover all of it.
-
 
 def expect_manifest_unchanged(folder: Path) -> None:
-    """Raise `RecordError` where the manifest is not what its own digest says."""
+    """Raise `RecordError` where the manifest's digest does not fit."""
     try:
         digest = wrong_digest(folder)
     except (OSError, ValueError) as error:
         raise RecordError(f"{folder / NAME} cannot be read: {error}") from error
     if digest:
-        raise RecordError(f"{folder / NAME} {digest}, so nothing of it is shown; `jbclog check {folder}` says what else is wrong")
+        raise RecordError(f"{folder / NAME} {digest}, so the run is not shown; `jbclog check {folder}` lists all findings")
 
 
 def expect_unchanged(folder: Path, manifest: Manifest, table: str, parts: Sequence[Path]) -> None:
@@ -36,9 +33,7 @@ def expect_unchanged(folder: Path, manifest: Manifest, table: str, parts: Sequen
     for name in sorted(listed.keys() | there.keys()):
         trouble = _trouble(there.get(name), listed.get(name), folder)
         if trouble:
-            raise RecordError(
-                f"{folder / name} {trouble}, so {table} are not shown; `jbclog check {folder}` says what else is wrong"
-            )
+            raise RecordError(f"{folder / name} {trouble}, so {table} are not shown; `jbclog check {folder}` lists all findings")
 
 
 def _trouble(path: Path | None, sha256: str | None, folder: Path) -> str | None:
@@ -56,19 +51,16 @@ def _trouble(path: Path | None, sha256: str | None, folder: Path) -> str | None:
 
 @lru_cache(4096)
 def _sha256(folder: Path, path: Path, _mtime_ns: int, _size: int) -> str:
-    """Once for each file as long as nobody writes it."""
+    """Return the SHA-256 of a file, computed once as long as its time and size stay."""
     return sealed_file(folder, path, None).sha256
 
 
-# -- capture check ------------------------------------------------------------------------------------------------------------
-# What of the wires of a run is lost, or was changed since: by their own check sums, and by the manifest's hashes.
-
-PLAYED: Final = (f"{FOLDER}/", "recipes/", "line.toml")  # what a replay reads of a run
+PLAYED: Final = (f"{FOLDER}/", "recipes/", "line.toml")  # what a replay reads
 CHANGED: Final = "was changed: its SHA-256 is not the manifest's"
 
 
 def losses(path: Path) -> Iterator[str]:
-    """What of one file cannot be proven or read, a sentence each; none where it is as it was written."""
+    """Yield a sentence for each stretch of a capture file that is damaged or unreadable."""
     head = None
     try:
         head = read_head(path)
@@ -82,17 +74,17 @@ def losses(path: Path) -> Iterator[str]:
 
 
 def _portable(error: RecordError, path: Path) -> str:
-    """The sentence without the folders in which the run lies now."""
+    """Return the error's text without the folder, which may be moved."""
     return str(error).replace(str(path), path.name)
 
 
 def ends_early(path: Path) -> bool:
-    """Whether a file holds something, and not its session's end."""
+    """Whether a capture file lacks its session's end."""
     return path.stat().st_size > 0 and not is_done(path)
 
 
 def readable_heads(paths: Sequence[Path]) -> list[Head]:
-    """The heads of those files that have one. Raises `RecordError` where none has."""
+    """Return the readable heads of capture files. Raises `RecordError` where none is."""
     found, failures = [], []
     for path in paths:
         try:
@@ -105,7 +97,7 @@ def readable_heads(paths: Sequence[Path]) -> list[Head]:
 
 
 def changed_since(folder: Path, manifest: Manifest) -> Iterator[str]:
-    """What a replay reads and is not what the manifest has, a sentence each. Raises OSError."""
+    """Yield a sentence for each file that a replay reads and that differs from the manifest. Raises OSError."""
     for listed in manifest.files:
         if not listed.path.startswith(PLAYED) or ".." in Path(listed.path).parts:
             continue
@@ -117,7 +109,7 @@ def changed_since(folder: Path, manifest: Manifest) -> Iterator[str]:
 
 
 def doubts(folder: Path, manifest: Manifest | None) -> list[str]:
-    """All that is not as it was recorded, of what a replay reads. Raises `RecordError`."""
+    """Return all damage to files that a replay reads. Raises `RecordError`."""
     try:
         changed = [*changed_since(folder, manifest)] if manifest is not None and manifest.state == "sealed" else []
     except OSError as error:

@@ -1,4 +1,4 @@
-"""What stands in the live store, found even where parts of it are damaged, and what of it is not sealed yet."""
+"""Reads a live store, beside its recorder or after a crash, also where parts of it are damaged."""
 
 from __future__ import annotations
 
@@ -21,37 +21,37 @@ from jbclog.record.store import FACTS, META, Segment, segments
 LEAST_BYTES: Final = 1024  # no batch is smaller, so no file holds more batches than this says
 
 
-IN_THE_WAY: Final = (
+TRANSIENT: Final = (
     *(sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_NOMEM),
     *(sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_PERM),
 )
 UNREADABLE: Final = (sqlite3.SQLITE_IOERR_READ, sqlite3.SQLITE_IOERR_SHORT_READ, sqlite3.SQLITE_IOERR_CORRUPTFS)
-"""A place of the disk that cannot be read any more is damage, and the rest of the file is still there."""
+"""Damage to one place of the disk: the rest of the file can still be read."""
 
 
 def expect_damage(path: Path, error: Exception) -> None:
-    """Raise `RecordError` where `error` tells of what is in the way now, and not of what stands in the file."""
+    """Raise `RecordError` where `error` has a passing cause and does not show damage to the file."""
     code = getattr(error, "sqlite_errorcode", sqlite3.SQLITE_CORRUPT)
-    if code & 0xFF in IN_THE_WAY and code not in UNREADABLE:
-        raise RecordError(f"{path} cannot be read now: {error}; nothing of it was changed") from error
+    if code & 0xFF in TRANSIENT and code not in UNREADABLE:
+        raise RecordError(f"{path} cannot be read now: {error}; nothing was changed") from error
 
 
 class StoreReader:
-    """All segments of a run's live store, as they were at one moment; nothing is written. `damage` grows while it is read.
+    """A read-only snapshot of all segments of a run's live store. `damage` grows as damage is found.
 
-    Numbers that two segments have are taken from the first in which they are sound. What only keeps it from being read now
-    (no room for SQLite's index, no right to make it, a disk that fails to write) is no damage: `RecordError`, from any call.
-    Files that are removed while they are opened are neither: the run is being sealed, so it looks again at what is there.
-    Read the manifest and list the parts after this, and no row can be missed: parts and manifest are there before files go.
+    A batch in two segments is read from the first in which it is sound. A passing cause (no room for SQLite's index, missing
+    permission, a failing disk) is not damage: any call raises `RecordError`. If files disappear while they are opened, the run is
+    being sealed, and the reader lists them again. Read manifest and parts after this, so that no row is missed: they exist before
+    the store's files are removed.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         while not self._opened():
-            pass  # what was listed is gone, because the run is being sealed: its rows are elsewhere now
+            pass  # the run is being sealed: its rows are in parts now
 
     def _opened(self) -> bool:
-        """Open what is there and list what it holds; False where a file went away before that was done."""
+        """Open and index all segments; return False where a file disappeared meanwhile."""
         self.damage: list[Damage] = []
         self.segments: list[Segment] = []
         self._where: dict[int, list[Segment]] = {}
@@ -86,25 +86,23 @@ class StoreReader:
             begun = segment.is_begun()
         except sqlite3.DatabaseError as error:
             if getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_READONLY_ROLLBACK:
-                return  # cut off while it was made, before its log: nothing was ever committed to it
+                return  # a crash during creation: nothing was ever committed
             expect_damage(path, error)
-            self._note(path.name, None, f"nothing in it can be read: {error}")
+            self._note(path.name, None, f"cannot be read at all: {error}")
         else:
             self.segments += [segment] * begun
 
-    # -- what is there -----------------------------------------------------------------------------------------------
-
     @property
     def last(self) -> int:
-        """The number of the last batch that is there or should be."""
+        """The number of the last batch that exists or should exist."""
         return max(max(self._where, default=0), self._number("last"), self._number("sealed"))
 
     def numbers_of(self, table: str, after: int) -> list[int]:
-        """The batches of a table with numbers above `after`, in order."""
+        """Return the numbers of a table's batches above `after`, ascending."""
         return [number for number, name in sorted(self._tables.items()) if name == table and number > after]
 
     def tables(self, numbers: Sequence[int]) -> Iterator[pa.Table]:
-        """The rows of these batches; a damaged one is left out and noted."""
+        """Yield the rows of these batches; damaged ones are skipped and noted."""
         for number in numbers:
             table = self._sound(number)
             if table is not None:
@@ -117,29 +115,27 @@ class StoreReader:
 
     @property
     def dropped_rows(self) -> int:
-        """Rows that the recorder could not keep."""
+        """Rows that the recorder could not store."""
         return self._number("dropped")
 
     def facts(self) -> dict[str, str]:
-        """What was last handed over of each station, as JSON."""
+        """Return the latest facts of each station, as JSON."""
         return self._all_notes(FACTS)
 
     def _all_notes(self, kind: str) -> dict[str, str]:
-        """The notes of a kind; those of later segments hold."""
+        """Return the notes of a kind; later segments override."""
         notes: dict[str, str] = {}
         for segment in self.segments:
             try:
                 notes.update(segment.notes(kind))
             except sqlite3.DatabaseError as error:
                 expect_damage(segment.path, error)
-                self._note(segment.path.name, 0, f"its notes ({kind}) cannot be read: {error}")
+                self._note(segment.path.name, 0, f"notes ({kind}) cannot be read: {error}")
         return notes
 
     def _number(self, key: str) -> int:
         text = self.notes.get(key, "")
         return int(text) if text.isdigit() else 0
-
-    # -- finding it --------------------------------------------------------------------------------------------------
 
     def _index(self) -> None:
         for segment in self.segments:
@@ -147,7 +143,7 @@ class StoreReader:
                 found = segment.index()
             except sqlite3.DatabaseError as error:
                 expect_damage(segment.path, error)
-                self._note(segment.path.name, None, f"it is damaged ({error}); what follows was found piece by piece")
+                self._note(segment.path.name, None, f"damaged ({error}); its batches were read one by one")
                 found = dict(self._probe(segment))
             for number, table in found.items():
                 self._where.setdefault(number, []).append(segment)
@@ -156,10 +152,10 @@ class StoreReader:
         self._note_gaps()
         for number, table in self._tables.items():
             if table not in TABLES:
-                self._note(f"batch {number}", None, "it belongs to no table")
+                self._note(f"batch {number}", None, "belongs to no table")
 
     def _probe(self, segment: Segment) -> Iterator[tuple[int, str]]:
-        """Ask for every number that can be there, one by one."""
+        """Read every possible number one by one; yield number and table of those that exist."""
         first = self._number("sealed") + 1
         end = self._number("last") + 1 if self._number("last") else first + segment.path.stat().st_size // LEAST_BYTES
         for number in range(first, end):
@@ -169,7 +165,7 @@ class StoreReader:
                     yield number, stored.batch.table
 
     def _note_gaps(self) -> None:
-        """Numbers run without a gap from the last that was deleted to the last that was stored."""
+        """Note missing numbers: they run without a gap from the last deleted to the last stored batch."""
         expected = (self._number("sealed") or max(through(self.folder, table) for table in TABLES)) + 1
         for number in [*sorted(n for n in self._where if n >= expected), self.last + 1]:
             if number > expected:
