@@ -1,7 +1,7 @@
-"""The last step of a run: what can be derived is derived, and which tools may be hot is said.
+"""Closes a run: derives the manifest's ledger, losses and files, and names tools that may be hot.
 
-It can be done again after a crash at any point: what is there is derived anew, and nothing is removed before the
-manifest that says ``sealed`` is on the disk.
+Safe to repeat after a crash at any point: everything is derived anew, and nothing is removed before a manifest with state
+"sealed" is on the disk.
 """
 
 from __future__ import annotations
@@ -45,14 +45,11 @@ from jbclog.record.schema import TABLES
 from jbclog.record.store import companions, segments
 from jbclog.record.store_reader import StoreReader
 
-# -- left hot -----------------------------------------------------------------------------------------------------------------
-# Tools of which nobody knows whether they were made safe, when a run was cut off.
-#
-# Recorder and guard both died, there was no guard, or it could not write down what it did. That is told as what it is:
-# not known. The lease that is still open says which tools are meant, and so does what the sessions last handed over.
+# Whether a tool was made safe is not known if recorder and guard both died, without a guard, or if the guard could not log its
+# actions. The open lease and the sessions' last facts name these tools.
 
 KIND: Final = "safety.not_known"
-NO_GUARD: Final = "none"  # what the manifest says then
+NO_GUARD: Final = "none"  # in the manifest
 TOOK_OVER: Final = ("guard.took_over", "guard.left_over")
 RUNNING: Final = "running"
 COLUMNS: Final = ["time", "station", "port", "temperature_c", "status"]
@@ -60,14 +57,14 @@ COLUMNS: Final = ["time", "station", "port", "temperature_c", "status"]
 
 @dataclass(frozen=True, slots=True)
 class Lease:
-    """What of a station nobody has made safe, as its lease says."""
+    """The ports of a station, and its feeder, that are not known to be safe."""
 
     ports: tuple[int, ...] = ()
     feeds: bool = False
 
 
 class Unknown(NamedTuple):
-    """A tool, or with `port` None a feeder, of which nothing more is known, and the sentence for people."""
+    """A tool, or with `port` None a feeder, whose safe state is not known, and the sentence about it."""
 
     station: str
     port: int | None
@@ -77,7 +74,7 @@ class Unknown(NamedTuple):
 
 @dataclass(slots=True)
 class Last:
-    """The last that was read of a tool: UTC microseconds, °C, and the status where that was read too."""
+    """The last reading of a tool: UTC in µs, temperature in °C, and its status if that was read."""
 
     time: int
     celsius: float
@@ -85,12 +82,12 @@ class Last:
 
 
 def left_leases(folder: Path) -> dict[str, Lease]:
-    """The lease that is open in the folder, as far as it can be read."""
+    """Return the open lease of the folder by station, as far as it can be read."""
     return _lease(folder)[0]
 
 
 def unreadable_lease(folder: Path) -> str:
-    """Why the lease in the folder, or a part of it, cannot be read; empty where it can be, or there is none."""
+    """Return why the folder's lease cannot be read in full; empty without a lease or a problem."""
     return _lease(folder)[1]
 
 
@@ -105,43 +102,46 @@ def _lease(folder: Path) -> tuple[dict[str, Lease], str]:
     wrong = ""
     for number, line in enumerate(lines, 1):
         try:
-            told = json_of(line)
-            found[str(told["name"])] = Lease(tuple(int(port) for port in told.get("ports", ())), bool(told.get("feeds")))
+            fields = json_of(line)
+            found[str(fields["name"])] = Lease(tuple(int(port) for port in fields.get("ports", ())), bool(fields.get("feeds")))
         except (ValueError, KeyError, TypeError, AttributeError):
-            wrong = f"line {number} is no lease of a station"
+            wrong = f"line {number} is not a station's lease"
     return found, wrong
 
 
 def hot_warning(folder: Path, unsafe: Collection[str] = ()) -> str:
-    """The sentence for people about the stations that may still be hot, `unsafe` among them; empty where there are none."""
+    """Return the warning about stations that may still be hot, `unsafe` included; empty where there are none."""
     names, why = ", ".join(sorted({*left_leases(folder), *unsafe})), unreadable_lease(folder)
-    told = []
+    found = []
     if names:
-        told.append(f"Tools of {names} may still be hot: nobody is known to have made them safe.")
+        found.append(f"Tools of {names} may still be hot: their safe state is not confirmed.")
     if why:
-        told.append(f"{guard_actions.LEASE} cannot be read ({why}): which tools of this run may still be hot is not known.")
-    return " ".join([*told, "`jbclog safe` makes them safe, as does a new run on their ports."]) if told else ""
+        found.append(f"{guard_actions.LEASE} cannot be read ({why}): which tools of this run may still be hot is not known.")
+    return " ".join([*found, "`jbclog safe`, or a new run on their ports, makes them safe."]) if found else ""
 
 
 def unknown_tools(folder: Path, stations: list[StationFacts], guard: str | None) -> list[Unknown]:
-    """All of them; `stations` are the facts with what the guard reached in them, `guard` what the manifest says of it."""
+    """Return the tools and feeders whose safe state is not known.
+
+    `stations` are the facts with the guard's results, `guard` is the manifest's state of the guard.
+    """
     places = [*_places(folder, stations)]
     last = _last_read(folder, {place for place in places if place[1] is not None}) if places else {}
-    return [_told(place, last.get(place), guard) for place in places]
+    return [_unknown(place, last.get(place), guard) for place in places]
 
 
 def _places(folder: Path, stations: list[StationFacts]) -> Iterator[tuple[str, int | None]]:
     held, why = _lease(folder)
     was_taken_over = any(event.kind in TOOK_OVER for event in guard_actions.action_log(folder))
     for facts in stations:
-        lease, goes_on = held.get(facts.name, Lease()), facts.outcome == RUNNING and facts.asked_safe_state != ""
-        ports = {*lease.ports, *(facts.touched if goes_on or why else ())}
+        lease, is_running = held.get(facts.name, Lease()), facts.outcome == RUNNING and facts.asked_safe_state != ""
+        ports = {*lease.ports, *(facts.touched if is_running or why else ())}
         yield from ((facts.name, port) for port in sorted(ports - facts.safe_state.keys()))
-        if lease.feeds or ((goes_on or why) and facts.may_feed and not was_taken_over):
+        if lease.feeds or ((is_running or why) and facts.may_feed and not was_taken_over):
             yield facts.name, None
 
 
-def _told(place: tuple[str, int | None], last: Last | None, guard: str | None) -> Unknown:
+def _unknown(place: tuple[str, int | None], last: Last | None, guard: str | None) -> Unknown:
     what = "the feeder was stopped" if place[1] is None else "the tool was made safe"
     why = (
         "the recorder ended, and there was no guard"
@@ -163,7 +163,7 @@ def _seen(last: Last | None) -> str:
 
 
 def _last_read(folder: Path, places: set[tuple[str, int | None]]) -> dict[tuple[str, int | None], Last]:
-    """From the end of the samples backwards, until each was found."""
+    """Return the last reading of each place, searched from the end of the samples."""
     found: dict[tuple[str, int | None], Last] = {}
     for path in reversed(part_paths(folder, "samples")):
         with open_table(path) as file:
@@ -187,16 +187,13 @@ def _last_in(group: pa.Table, station: str, port: int | None) -> Last | None:
     return Last(row["time"], row["temperature_c"], row["status"])
 
 
-# -- in the record ---------------------------------------------------------------------------------------------------------
-
-
 def hot_events(found: list[Unknown], time: int) -> list[EventRow]:
-    """An event each, at `time`: the last moment that the record knows of."""
+    """Return an event for each, at `time` (UTC in µs), the record's last moment."""
     return [EventRow(time, KIND, Severity.CRITICAL, one.text, one.station, one.port, value=one.celsius) for one in found]
 
 
 def with_unknown(stations: list[StationFacts], found: list[Unknown]) -> list[StationFacts]:
-    """The facts with these sentences among what is not safe."""
+    """Return the facts with these sentences added to `unsafe`."""
     texts: dict[str, list[str]] = {}
     for one in found:
         place = one.station if one.port is None else f"{one.station} port {one.port}"
@@ -208,32 +205,30 @@ def _new(facts: StationFacts, texts: list[str]) -> list[str]:
     return [text for text in texts if text not in facts.unsafe]
 
 
-# -- conclude -----------------------------------------------------------------------------------------------------------------
-
 NOT_KEPT: Final = "could not be kept while the disk did not take them"
 OF_REPORT: Final = ("report.html", "report.pdf", "report.json", "joints.parquet")
 LATER: Final = (NAME, ANNOTATIONS, guard_actions.LEASE, guard_actions.LOCK)
-"""Files of the folder that are not the record: the manifest itself, what comes after sealing, and what says of tools left hot."""
-MADE: Final = (("figures/", ".svg"), ("tables/", ".csv"))  # folders that a report makes, and what is in them
+"""Files outside the sealed record: the manifest, annotations, and the lease and lock of tools left hot."""
+MADE: Final = (("figures/", ".svg"), ("tables/", ".csv"))  # folders of a report, and their files' suffixes
 
 TAKEN_IN: Final = ("line.toml", "recipes", capture.FOLDER, guard_actions.DIARY, DAMAGE_NOTES, REMAINS)
 
 
 def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
-    """Close a run whose rows are all sealed (`seal`): give the manifest as it was written, state ``sealed``.
+    """Close a run whose rows are all sealed (`seal`); return the manifest as written, in state "sealed".
 
-    `manifest` brings what only the recorder knows: outcome, verdict, times. Stations, ledger, losses and files are put
-    in here. The lock is given up and removed. Raises `RecordError`, and then nothing was removed.
+    `manifest` has what only the recorder knows: outcome, verdict, times. Stations, ledger, losses and files are added here. The
+    lock is released and removed. Raises `RecordError`, and then removed nothing.
     """
     lock.expect_ours()
     try:
         complete(folder)
-        with StoreReader(folder) as stock:
-            _refuse_unsealed(stock)
-            note_damage(folder, stock.damage)
-            stations = stations_of(folder, stock, manifest)
+        with StoreReader(folder) as store:
+            _refuse_unsealed(store)
+            note_damage(folder, store.damage)
+            stations = stations_of(folder, store, manifest)
             stations = with_unknown(stations, unknown_tools(folder, stations, manifest.guard))
-            dropped = unkept_rows(stock)
+            dropped = unkept_rows(store)
         lost = manifest.lost or _lost(read_damage(folder), dropped)
         sealed = replace(manifest, state="sealed", stations=stations, lost=lost, ended=manifest.ended or last_time(folder))
         sealed.ledger = ledger_of(folder, stations)
@@ -248,35 +243,35 @@ def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
     return sealed
 
 
-def _refuse_unsealed(stock: StoreReader) -> None:
-    waiting = sum(len(stock.numbers_of(table, through(stock.folder, table))) for table in TABLES)
+def _refuse_unsealed(store: StoreReader) -> None:
+    waiting = sum(len(store.numbers_of(table, through(store.folder, table))) for table in TABLES)
     if waiting:
-        raise RecordError(f"{stock.folder}: {waiting} batches of the live store are not sealed yet")
+        raise RecordError(f"{store.folder}: {waiting} batches of the live store are not sealed yet")
 
 
-def stations_of(folder: Path, stock: StoreReader, manifest: Manifest) -> list[StationFacts]:
-    """The facts, with what a guard reached."""
-    return guard_actions.with_guard(folder, known_stations(stock, manifest.stations))
+def stations_of(folder: Path, store: StoreReader, manifest: Manifest) -> list[StationFacts]:
+    """Return the stations' facts with the guard's results."""
+    return guard_actions.with_guard(folder, known_stations(store, manifest.stations))
 
 
-def unkept_rows(stock: StoreReader) -> int:
-    """How many rows the disk never took: as the store has it, or the recorder's last word where that did not come into it."""
-    return max(stock.dropped_rows, commit_status(stock.folder).unkept)
+def unkept_rows(store: StoreReader) -> int:
+    """Return the number of rows that the disk never took: by the store, or by the lock's witness if that has more."""
+    return max(store.dropped_rows, commit_status(store.folder).unkept)
 
 
-def known_stations(stock: StoreReader, known: list[StationFacts]) -> list[StationFacts]:
-    """The facts in the live store, in the order in which the manifest has the stations already.
+def known_stations(store: StoreReader, known: list[StationFacts]) -> list[StationFacts]:
+    """Return the facts in the live store, in the manifest's order of stations.
 
-    What the recorder itself says of a session that has ended is the last word: its store may not have taken that any more.
+    For a session that has ended the recorder's own facts win: the store may not have taken them.
     """
     facts = {station.name: station for station in known}
-    for name, text in stock.facts().items():
+    for name, text in store.facts().items():
         if name in facts and facts[name].outcome != RUNNING:
             continue
         try:
             facts[name] = build(StationFacts, json_of(text))
         except ValueError as error:
-            raise RecordError(f"{stock.folder}: what is known of station {name} cannot be read: {error}") from error
+            raise RecordError(f"{store.folder}: the facts of station {name} cannot be read: {error}") from error
     return list(facts.values())
 
 
@@ -288,24 +283,24 @@ def _lost(found: list[Damage], dropped: int) -> Lost | None:
 
 
 def _keep_damaged(folder: Path) -> None:
-    """A store that was found damaged is not removed; one whose end is missing has nothing more to show."""
+    """Set a damaged store aside instead of removing it; one that only lost its end has nothing more to offer."""
     if any(one.seconds is None for one in read_damage(folder)):
         for path in segments(folder):
             beside = companions(path)
             set_aside(folder, path)
             for each in beside:
-                with contextlib.suppress(FileNotFoundError):  # a reader removes what SQLite made for it
+                with contextlib.suppress(FileNotFoundError):  # a reader removes its own log
                     set_aside(folder, each)
 
 
 def last_time(folder: Path) -> str | None:
-    """The time of the last row that is sealed, as in the manifest; None where there is no row at all."""
+    """Return the time of the last sealed row in the manifest's form; None without a row."""
     latest = last_micros(folder)
     return None if latest is None else iso(latest)
 
 
 def last_micros(folder: Path) -> int | None:
-    """The same in UTC microseconds."""
+    """Return the time of the last sealed row, UTC in µs; None without a row."""
     latest = [
         pc.max(group["time"]).cast(pa.int64()).as_py()
         for table in TABLES
@@ -316,7 +311,7 @@ def last_micros(folder: Path) -> int | None:
 
 
 def files_of(folder: Path) -> Iterator[SealedFile]:
-    """Every file of the record with its rows, size and hash."""
+    """Yield every file of the record with its rows, size and hash."""
     for table in TABLES:
         for path in part_paths(folder, table):
             yield sealed_file(folder, path, metadata_of(path).num_rows)
@@ -333,7 +328,7 @@ def sealed_file(folder: Path, path: Path, rows: int | None) -> SealedFile:
 
 
 def is_later(name: str) -> bool:
-    """Whether what lies at `name` in the folder may come, change and go after sealing."""
+    """Whether the file `name` may appear, change and disappear after sealing."""
     return name in LATER or is_of_report(name)
 
 
@@ -344,7 +339,7 @@ def is_of_report(name: str) -> bool:
 
 
 def live_files(folder: Path) -> list[Path]:
-    """What a recorder needs while it runs, and a sealed run does not have."""
+    """Return the files that a recorder needs and a sealed run does not have."""
     return sorted(folder.glob("live[.-]*"))
 
 
@@ -353,7 +348,7 @@ def remove_live(folder: Path, lock: FolderLock) -> None:
     try:
         for path in live_files(folder):
             if path.name != lock.name:
-                path.unlink(missing_ok=True)  # a reader removes what SQLite made for it
+                path.unlink(missing_ok=True)  # a reader removes its own log
         lock.remove()
         sync_folder(folder)
     except OSError as error:

@@ -177,10 +177,10 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     seal_rows(folder)
     guard_actions.take_in(folder, manifest.run, guard_actions.action_log(folder))
     manifest = replace(manifest, guard="lost" if guard_actions.was_lost(folder) else manifest.guard)
-    with StoreReader(folder) as stock:
-        _note_missing_end(folder, stock.last)
-        stations = _note_left_hot(folder, manifest, stock)
-        manifest = _outcome(folder, manifest, stock, is_safe=not any(facts.unsafe for facts in stations))
+    with StoreReader(folder) as store:
+        _note_missing_end(folder, store.last)
+        stations = _note_left_hot(folder, manifest, store)
+        manifest = _outcome(folder, manifest, store, is_safe=not any(facts.unsafe for facts in stations))
     sealed = conclude(folder, manifest, lock)
     rows = rows_of(sealed)
     text = f"{folder.name}: recovered, {_counted(rows)} sealed; exit status {sealed.exit_status}, verdict {sealed.verdict}."
@@ -195,9 +195,9 @@ def _recovery(
     return Recovery(folder, outcome, f"{text} {warning}".rstrip(), rows, is_safe=not warning)
 
 
-def _note_left_hot(folder: Path, manifest: Manifest, stock: StoreReader) -> list[StationFacts]:
+def _note_left_hot(folder: Path, manifest: Manifest, store: StoreReader) -> list[StationFacts]:
     """Add an event for each tool whose safe state is not known; return the stations' facts with it."""
-    stations = stations_of(folder, stock, manifest)
+    stations = stations_of(folder, store, manifest)
     unknown = unknown_tools(folder, stations, manifest.guard)
     guard_actions.take_in(folder, manifest.run, hot_events(unknown, last_micros(folder) or 0))
     return with_unknown(stations, unknown)
@@ -240,26 +240,26 @@ def _draft(folder: Path) -> Manifest:
         return Manifest(run=folder.name)
 
 
-def _outcome(folder: Path, manifest: Manifest, stock: StoreReader, *, is_safe: bool) -> Manifest:
+def _outcome(folder: Path, manifest: Manifest, store: StoreReader, *, is_safe: bool) -> Manifest:
     """Complete the manifest with the end that the recorder could not write."""
     found = parts.read_damage(folder)
-    if stock.was_closed and manifest.exit_status is not None and not found:
+    if store.was_closed and manifest.exit_status is not None and not found:
         return manifest  # the run ended properly; only its sealing was interrupted
     return replace(
         manifest,
         exit_status="lost",
         exit_code=EXIT_CODE if is_safe else Unsafe.exit_code,
         verdict="INCONCLUSIVE" if _was_to_be_judged(folder, manifest) else "NOT JUDGED",
-        lost=_lost(found, stock),
+        lost=_lost(found, store),
     )
 
 
-def _lost(found: list[parts.Damage], stock: StoreReader) -> Lost:
-    unkept = unkept_rows(stock)
-    if stock.was_closed and not found and not unkept:
+def _lost(found: list[parts.Damage], store: StoreReader) -> Lost:
+    unkept = unkept_rows(store)
+    if store.was_closed and not found and not unkept:
         return Lost(0.0, "The recorder ended before it could write the run's result; no row is missing.")
     ends = [one.seconds for one in found if one.seconds is not None]
-    text, at_risk_s = "The recorder ended without closing the record.", _at_risk_s(stock.folder)
+    text, at_risk_s = "The recorder ended without closing the record.", _at_risk_s(store.folder)
     if len(ends) == len(found) and not unkept:
         seconds = at_risk_s + sum(ends)
         return Lost(seconds, f"{text} At most the last {seconds:g} s of it are missing.")

@@ -40,7 +40,7 @@ def seal_rows(folder: Path, *, part: bool = False) -> int:
     """
     try:
         remove_leavings(folder)
-        last, sound = _seal_stock(folder)
+        last, sound = _seal_store(folder)
         if part and sound:  # a damaged store is kept as it is
             _delete(folder, last)
     except (OSError, sqlite3.Error) as error:
@@ -48,19 +48,19 @@ def seal_rows(folder: Path, *, part: bool = False) -> int:
     return last
 
 
-def _seal_stock(folder: Path) -> tuple[int, bool]:
+def _seal_store(folder: Path) -> tuple[int, bool]:
     """Seal all batches; return the number of the last one and whether all were sound."""
-    with StoreReader(folder) as stock:
+    with StoreReader(folder) as store:
         for table in TABLES:
-            numbers = stock.numbers_of(table, through(folder, table))
+            numbers = store.numbers_of(table, through(folder, table))
             if numbers:
-                write_part(folder, table, partial(_groups, stock, numbers), stock.last)
-        parts.note_damage(folder, stock.damage)
-        return stock.last, not stock.damage
+                write_part(folder, table, partial(_groups, store, numbers), store.last)
+        parts.note_damage(folder, store.damage)
+        return store.last, not store.damage
 
 
-def _groups(stock: StoreReader, numbers: list[int]) -> Iterator[pa.Table]:
-    return regroup(stock.tables(numbers))
+def _groups(store: StoreReader, numbers: list[int]) -> Iterator[pa.Table]:
+    return regroup(store.tables(numbers))
 
 
 def _delete(folder: Path, last: int) -> None:

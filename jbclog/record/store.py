@@ -1,8 +1,7 @@
-"""The file of the live store: SQLite, and what is done when it fails.
+"""The live store's files: SQLite, with a reserve of disk space and a successor for a file that fails.
 
-A store is one file, `live.sqlite`. After an input/output error a file is not trusted with anything new (what a failed
-fsync lost is gone, however often one asks again): recording goes on in `live-1.sqlite` and so on, with the batches that
-were not acknowledged written again under their own numbers.
+The store is one file, `live.sqlite`. After an input/output error that file takes nothing new, because data that a failed fsync lost
+stays lost: recording continues in `live-1.sqlite` and so on, and unacknowledged batches are written again under their numbers.
 """
 
 from __future__ import annotations
@@ -24,10 +23,8 @@ from jbclog.core.foreign.database import Database, open_database
 from jbclog.record.batches import Batch
 from jbclog.record.schema import SCHEMA_VERSION
 
-# -- store --------------------------------------------------------------------------------------------------------------------
-
-BUSY_S = 10.0  # a sealing child holds the file for a few hundredths of a second
-DELETE_AT_ONCE = 40  # batches deleted in one transaction: some 50 ms, which a commit of the recorder can wait for
+BUSY_S = 10.0  # a sealing child holds the file for some 0.05 s
+DELETE_AT_ONCE = 40  # batches deleted in one transaction, some 50 ms: the recorder's commit can wait that long
 
 _CREATE = """
 PRAGMA journal_mode = WAL;
@@ -39,7 +36,7 @@ CREATE TABLE note (kind TEXT NOT NULL, key TEXT NOT NULL, text TEXT NOT NULL, cr
 COMMIT;
 """
 COLUMNS = {"batch": ("number", "name", "rows", "crc", "data"), "note": ("kind", "key", "text", "crc")}
-_ADD_BATCH = "INSERT OR REPLACE INTO batch VALUES (?, ?, ?, ?, ?)"  # one whose commit was not seen to be done comes again
+_ADD_BATCH = "INSERT OR REPLACE INTO batch VALUES (?, ?, ?, ?, ?)"  # a batch whose commit was not confirmed is written again
 _SET_NOTE = "INSERT INTO note VALUES (?, ?, ?, ?) ON CONFLICT (kind, key) DO UPDATE SET text = excluded.text, crc = excluded.crc"
 
 META = "meta"  # notes of the store itself: schema, run, last (number stored), sealed (through that number), dropped (rows)
@@ -51,7 +48,7 @@ Notes = Mapping[tuple[str, str], str]
 
 @dataclass(frozen=True, slots=True)
 class Stored:
-    """A batch as it was found, with the check sum that was stored beside it."""
+    """A batch as found, with its stored check sum."""
 
     batch: Batch
     crc: int
@@ -62,7 +59,7 @@ def segment_name(index: int) -> str:
 
 
 def segments(folder: Path) -> list[Path]:
-    """The store's files that are there, in the order in which they were begun."""
+    """Return the store's files, oldest first."""
     found = [
         (int(match[1] or 0), path) for path in folder.iterdir() if (match := re.fullmatch(r"live(?:-(\d+))?\.sqlite", path.name))
     ]
@@ -70,12 +67,12 @@ def segments(folder: Path) -> list[Path]:
 
 
 def companions(segment: Path) -> list[Path]:
-    """A segment's log and index, and what is left of its making, where they are there."""
+    """Return a segment's existing log, index and journal files."""
     return [path for path in (segment.with_name(segment.name + end) for end in ("-wal", "-shm", "-journal")) if path.exists()]
 
 
 class Segment:
-    """One file of the store, open. Used by one thread at a time."""
+    """One open file of the store. Used by one thread at a time."""
 
     def __init__(self, path: Path, connection: Database, *, only_reads: bool = False) -> None:
         self.path = path
@@ -84,7 +81,7 @@ class Segment:
 
     @classmethod
     def create(cls, path: Path) -> Segment:
-        """A new, empty one. Raises sqlite3.Error where it cannot be made."""
+        """Create an empty segment. Raises sqlite3.Error."""
         connection = _connect(path)
         try:
             connection.executescript(_CREATE)
@@ -95,12 +92,12 @@ class Segment:
 
     @classmethod
     def open(cls, path: Path) -> Segment:
-        """One that is there, to be deleted from beside the recorder."""
+        """Open a segment for deletion, beside its recorder."""
         return cls(path, _connect(path))
 
     @classmethod
     def look(cls, path: Path) -> Segment:
-        """One that is there, only to be read, beside a recorder that may be writing. Needs no room on the disk."""
+        """Open a segment read-only, beside a recorder that may be writing. Needs no space on the disk."""
         connection = open_database(path, only_reads=True, busy_s=BUSY_S)
         return cls(path, connection, only_reads=True)
 
@@ -110,23 +107,21 @@ class Segment:
             self._remove_made_for_reading()
 
     def _remove_made_for_reading(self) -> None:
-        """SQLite makes a log and an index for a reader, too, and did so beside a store that is removed meanwhile."""
+        """Remove the log and index that SQLite made for this reader, if the store was removed meanwhile."""
         for path in companions(self.path):
-            with contextlib.suppress(OSError):  # gone already, or not ours to remove
-                if not (path.name.endswith("-wal") and path.stat().st_size):  # a log with something in it is no reader's
+            with contextlib.suppress(OSError):  # already gone, or not ours to remove
+                if not (path.name.endswith("-wal") and path.stat().st_size):  # a log with content is not a reader's
                     path.unlink()
 
     def is_begun(self) -> bool:
-        """Whether its tables are there: a kill may have come between making the file and making them.
+        """Whether its tables exist: a kill can come between creating the file and creating them.
 
-        Raises `NotAStore` where others are there as well, or views or triggers that would be worked at without end.
+        Raises `NotAStore` for any other table, view or trigger.
         """
         return self._db.expect_tables(COLUMNS)
 
-    # -- writing -----------------------------------------------------------------------------------------------------
-
     def add(self, batches: Iterable[Batch], notes: Notes) -> None:
-        """Store all of it in one transaction, synced when this returns. Raises sqlite3.Error, and then stored nothing."""
+        """Store everything in one transaction, synced on return. Raises sqlite3.Error, and then stored nothing."""
         with self._transaction():
             self._db.executemany(_ADD_BATCH, ((b.number, b.table, b.rows, b.crc, b.data) for b in batches))
             self._note(notes)
@@ -135,7 +130,7 @@ class Segment:
         self._db.executemany(_SET_NOTE, ((kind, key, text, _note_crc(kind, key, text)) for (kind, key), text in notes.items()))
 
     def delete_through(self, number: int) -> None:
-        """Delete the batches up to `number`, a few at a time; `sealed` in `meta` says how far it got."""
+        """Delete the batches up to `number`, a few at a time; the note `sealed` records the progress."""
         while True:
             with self._transaction():
                 rows = self._db.execute(
@@ -149,7 +144,7 @@ class Segment:
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
-        if self._db.in_transaction:  # one whose beginning or end was refused memory
+        if self._db.in_transaction:  # memory was refused at its beginning or end
             self._db.execute("ROLLBACK")
         try:
             self._db.execute("BEGIN IMMEDIATE")
@@ -160,32 +155,30 @@ class Segment:
                 self._db.execute("ROLLBACK")
             raise
 
-    # -- reading -----------------------------------------------------------------------------------------------------
-
     @contextmanager
     def snapshot(self) -> Iterator[None]:
-        """Everything read inside is the state of one moment."""
+        """Read everything inside from one snapshot."""
         self._db.execute("BEGIN")
         try:
-            self._db.execute("SELECT 1 FROM sqlite_master LIMIT 1").fetchone()  # from here on the moment is fixed
+            self._db.execute("SELECT 1 FROM sqlite_master LIMIT 1").fetchone()  # this fixes the snapshot
             yield
         finally:
             if self._db.in_transaction:
                 self._db.execute("ROLLBACK")
 
     def notes(self, kind: str) -> dict[str, str]:
-        """The notes of a kind by their key; one that rotted is left out, as if it had never been taken."""
+        """Return the notes of a kind by key, without those whose check sum fails."""
         self._db.within()
         rows = self._db.execute("SELECT key, text, crc FROM note WHERE kind = ?", (kind,))
         return {key: text for key, text, crc in rows if _note_crc(kind, key, text) == crc}
 
     def index(self) -> dict[int, str]:
-        """The batches that are there and the table of each. Raises sqlite3.DatabaseError where pages are damaged."""
+        """Return the table of each batch by its number. Raises sqlite3.DatabaseError for damaged pages."""
         self._db.within()
         return {int(number): str(name) for number, name in self._db.execute("SELECT number, name FROM batch ORDER BY number")}
 
     def get(self, number: int) -> Stored | None:
-        """One batch. Raises sqlite3.DatabaseError where its page is damaged."""
+        """Return a batch, None if it is missing. Raises sqlite3.DatabaseError for a damaged page."""
         self._db.within()
         row = self._db.execute("SELECT name, rows, crc, data FROM batch WHERE number = ?", (number,)).fetchone()
         if row is None:
@@ -212,20 +205,17 @@ def _connect(path: Path) -> Database:
 
 
 def refuse_newer(folder: Path) -> None:
-    """Raise `RecordError` where the store was written by a newer jbclog than this."""
+    """Raise `RecordError` for a store of a newer jbclog."""
     for path in segments(folder):
         try:
             with closing(Segment.look(path)) as segment:
                 version = segment.notes(META).get("schema", "") if segment.is_begun() else ""
         except sqlite3.Error:
-            continue  # damaged, or not even begun: what reads it will say so
+            continue  # damaged or empty: its reader reports it
         if version.isdigit() and int(version) > SCHEMA_VERSION:
             known = f"this jbclog knows {SCHEMA_VERSION}. Nothing was changed; use a newer jbclog."
             raise RecordError(f"{path}: written with schema {version}; {known}")
 
-
-# -- store writer -------------------------------------------------------------------------------------------------------------
-# The store's file in use, and what is done when it fails: room from the reserve, or a new file.
 
 RESERVE: Final = "live.reserve"
 RESERVE_BYTES: Final = 4 << 20
@@ -234,10 +224,10 @@ NEW_FILE_ON: Final = (sqlite3.SQLITE_IOERR, sqlite3.SQLITE_CORRUPT, sqlite3.SQLI
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """What came of storing: whether it is safe, and what went wrong on the way, if anything.
+    """The result of storing: whether everything is safe, and the trouble on the way, if any.
 
-    `moved_to` names the new file in which recording goes on. Trouble without it means that the disk does not take what
-    the run brings, even where it took this.
+    `moved_to` names a new file in which recording continues. Trouble without it means that the disk is failing or full, even if
+    it took this.
     """
 
     safe: bool
@@ -245,7 +235,7 @@ class Kept:
     moved_to: str | None = None
 
 
-KEPT: Final = Kept(True)  # there already: what is stored must not fail to be known as stored for want of memory
+KEPT: Final = Kept(True)  # made beforehand: a refused allocation must not hide that something was stored
 
 
 class StoreWriter:
@@ -255,10 +245,10 @@ class StoreWriter:
         self.folder = folder
         self._segment: Segment | None = None
         self._index = 0
-        self._home = folder.lstat()  # a link, or another folder, in its place is not where a run may write
+        self._home = folder.lstat()  # never write through a link or into another folder in its place
 
     def begin(self, notes: Notes) -> None:
-        """Take the reserve and make the first file. Raises OSError or sqlite3.Error; then nothing is left open."""
+        """Take the reserve and create the first file. Raises OSError or sqlite3.Error, and then leaves nothing open."""
         self._take_reserve()
         segment = Segment.create(self.folder / segment_name(0))
         try:
@@ -270,15 +260,15 @@ class StoreWriter:
         self._segment = segment
 
     def add(self, batches: Sequence[Batch], fresh: Notes, everything: Notes) -> Kept:
-        """Store `batches` and the `fresh` notes in one transaction; a new file gets `everything` that is to be noted."""
+        """Store `batches` and the `fresh` notes in one transaction; a new file gets `everything`, all notes."""
         if self._segment is None:
             return Kept(False, "the store is not open")
-        if not self._is_there(self._segment.path):  # SQLite would go on writing to a file that nobody can open any more
+        if not self._is_there(self._segment.path):  # SQLite would keep writing to the removed file
             return Kept(False, f"{self._segment.path} was removed during the run")
         try:
             self._segment.add(batches, fresh)
         except sqlite3.Error as error:
-            return self._again(error, batches, everything)
+            return self._retry(error, batches, everything)
         return KEPT
 
     def _is_there(self, path: Path) -> bool:
@@ -287,24 +277,22 @@ class StoreWriter:
         except OSError:
             return False
 
-    def give_for_the_end(self) -> None:
-        """Give the rows that are still waiting half of what of the reserve is left; the rest is for sealing."""
+    def release_reserve(self) -> None:
+        """Release half of the remaining reserve for the last rows; sealing needs the rest."""
         with contextlib.suppress(OSError):
             self._shrink(RESERVE_BYTES // 4)
 
     def close(self) -> None:
-        """Close the file and give the reserve up: its room belongs to the sealing."""
+        """Close the file and release the reserve for sealing."""
         if self._segment is not None:
             with contextlib.suppress(sqlite3.Error):
                 self._segment.close()
             self._segment = None
-        with contextlib.suppress(OSError):  # a disk that fails has been told of; `conclude` removes it, or `recover`
+        with contextlib.suppress(OSError):  # already reported; `conclude` or `recover` removes it
             (self.folder / RESERVE).unlink(missing_ok=True)
 
-    # -- when it fails -------------------------------------------------------------------------------------------------
-
-    def _again(self, error: sqlite3.Error, batches: Sequence[Batch], everything: Notes) -> Kept:
-        """Once more where there is hope: in the same file with the reserve's room, or in a new file."""
+    def _retry(self, error: sqlite3.Error, batches: Sequence[Batch], everything: Notes) -> Kept:
+        """Try once more: in the same file with space from the reserve, or in a new file."""
         full, trouble = _code(error) == sqlite3.SQLITE_FULL, f"writing failed: {error}"
         try:
             if full and self._segment is not None and self._give_half():
@@ -317,10 +305,10 @@ class StoreWriter:
         return Kept(False, trouble)
 
     def _move(self, batches: Sequence[Batch], everything: Notes) -> str:
-        """Store them in a new file and go on in that; give its name."""
+        """Store everything in a new file and continue in it; return its name."""
         path = self.folder / segment_name(self._index + 1)
         for leaving in (path, *companions(path)):
-            leaving.unlink(missing_ok=True)  # of a try that failed
+            leaving.unlink(missing_ok=True)  # of a failed attempt
         segment = Segment.create(path)
         try:
             segment.add(batches, everything)
@@ -334,15 +322,13 @@ class StoreWriter:
         self._segment, self._index = segment, self._index + 1
         return path.name
 
-    # -- the reserve ---------------------------------------------------------------------------------------------------
-
     def _take_reserve(self) -> None:
-        """Take room that is given back when the disk is full: half of it for the last rows, half for sealing them."""
+        """Reserve space for a full disk: half of it for the last rows, half for sealing them."""
         (self.folder / RESERVE).write_bytes(bytes(RESERVE_BYTES))
-        sync_file(self.folder / RESERVE)  # some disks give out room only then
+        sync_file(self.folder / RESERVE)  # some file systems allocate only now
 
     def _give_half(self) -> bool:
-        """Give half of it back; False where that was done before."""
+        """Release half of the reserve; return False if that was done before."""
         return self._shrink(RESERVE_BYTES // 2)
 
     def _shrink(self, size: int) -> bool:

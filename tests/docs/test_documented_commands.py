@@ -97,7 +97,7 @@ def test_the_first_run(bench: Path) -> None:
     assert "Line bench: 4 stations. No byte was sent." in done.stdout
     assert "report.html\n" in done.stdout
     assert ": everything agrees (head " in done.stdout
-    assert "finished already; nothing was changed." in done.stdout
+    assert "already finished; nothing was changed." in done.stdout
     first, killed = sorted((bench / "runs").glob("*-bench-*"))
     assert killed.name in done.stdout
     assert (killed / "guard.jsonl").read_text().strip()

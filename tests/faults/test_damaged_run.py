@@ -194,7 +194,7 @@ def test_recover_says_of_a_sealed_run_that_it_cannot_rebuild_it(sealed: Path, tm
     done = recover(trial)
     assert done.outcome is Outcome.WHOLE
     assert "But samples/part-0000.parquet was changed after it was sealed. No live store is left to rebuild it from" in done.text
-    assert recover(sealed).text == f"{sealed.name}: finished already; nothing was changed."
+    assert recover(sealed).text == f"{sealed.name}: already finished; nothing was changed."
 
 
 @pytest.mark.parametrize("data", [b"", b"{", b"[" * 100_000, b"null", b'{"run": 5}', b"\xff\xfe", b'{"schema": 2}', b"\0" * 4096])

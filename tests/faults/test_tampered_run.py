@@ -277,7 +277,7 @@ def test_the_head_on_paper_finds_it(bare: Path) -> None:
     printed = short_head(manifest_sha256(bare))
     forged(bare)
     (finding,) = check(bare, printed)
-    assert "is not the one that was told" in str(finding)
+    assert "not the given one" in str(finding)
 
 
 def test_the_report_beside_it_finds_it(bare: Path) -> None:
@@ -286,7 +286,7 @@ def test_the_report_beside_it_finds_it(bare: Path) -> None:
     forged(bare)
     one, two = map(str, check(bare))
     assert one.startswith("annotations.jsonl: line 1 does not carry the hash of the manifest")
-    assert two.startswith("report.json: was made from another manifest")
+    assert two.startswith("report.json: was made from manifest")
 
 
 def test_an_annotation_finds_it(run: Path) -> None:
@@ -386,7 +386,9 @@ def test_a_report_that_was_changed(reported: Path) -> None:
 
 def test_a_report_that_was_changed_whose_line_was_taken_away(reported: Path) -> None:
     without_its_line(reported)
-    assert [str(one).split(",")[0] for one in check(reported)] == ["report.json: is vouched for by a line of annotations.jsonl"]
+    assert [str(one) for one in check(reported)] == [
+        "report.json: cites a line of annotations.jsonl that is gone; make the report again"
+    ]
     altered(reported, lambda facts: facts.pop("vouched_in"))
     assert named(reported) == set()
     assert [file for file, _ in uncovered(reported, None)] == ["report.json"]
@@ -413,7 +415,7 @@ def test_what_was_said_before_the_report_is_taken_away_with_its_line(reported: P
     (reported / "annotations.jsonl").unlink()
     altered(reported, lambda facts: facts.pop("vouched_in"))
     (finding,) = check(reported)
-    assert str(finding).startswith("annotations.jsonl: has not the line that was the last when report.json was made")
+    assert str(finding).startswith("annotations.jsonl: lacks the line that was last when report.json was made")
 
 
 def test_a_report_that_was_taken_away(reported: Path) -> None:

@@ -111,7 +111,7 @@ class RunRecord:
 
     def look(self) -> None:
         """To be called each second: whether the disk keeps the record waiting. Returns at once."""
-        self._store.look()
+        self._store.check_stall()
 
     def _draft(self) -> Manifest:
         line = self._plan.line

@@ -34,14 +34,14 @@ def main(out: Path, many: int, step: int) -> None:
     live.encode = encode  # type: ignore[assignment]
     store = LiveStore(create_run(out, "bench", 1_790_000_000.0), seal_every_s=None)
     store.start()
-    met = commits = at_ease = untold = 0
+    met = commits = at_ease = unreported = 0
     while at_ease < AT_EASE:
         store.sample(sample(commits))
         store.event(event(commits))
         store.setting(setting(commits))
         store.counter(counter(commits))
         store.facts(StationFacts("a", "a.pty", "dde", outages=commits))
-        store.failure, store._is_failure_told = None, False
+        store.failure, store._is_failure_reported = None, False
         is_safe = False
         _testcapi.set_nomemory(1 + commits * step, 1 + commits * step + many)
         try:
@@ -54,8 +54,8 @@ def main(out: Path, many: int, step: int) -> None:
         met += not is_safe
         commits += 1
         assert store._commit(), store.failure
-        untold += store.failure is not None and not store._is_failure_told
-    found = {"run": store.folder.name, "commits": commits, "met": met, "untold": untold}
+        unreported += store.failure is not None and not store._is_failure_reported
+    found = {"run": store.folder.name, "commits": commits, "met": met, "unreported": unreported}
     print(json.dumps({**found, "tables": tables(store.folder), "outages": outages(store.folder)}))
 
 

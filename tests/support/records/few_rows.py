@@ -77,7 +77,7 @@ def abandoned(out: Path, commits: int = 3, rows: int = 50, *, in_pages: bool = F
         hand_over(store, range(commit * rows, (commit + 1) * rows))
         store.commit_now()
     if in_pages:
-        store._keeping.close()  # brings the log into the pages; the store does not get to say that it was closed
+        store._writer.close()  # brings the log into the pages; the store does not get to say that it was closed
         store._ending = True
         store._thread.join()
         store.release()
@@ -92,7 +92,7 @@ def vanish(store: LiveStore) -> None:
     store._wake.set()
     store._thread.join()
     copies = {path: path.read_bytes() for path in store.folder.glob("live*")}
-    store._keeping.close()
+    store._writer.close()
     store.release()
     for path, data in copies.items():
         path.write_bytes(data)

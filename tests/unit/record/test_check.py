@@ -48,14 +48,14 @@ def test_what_comes_after_sealing_is_no_finding(run: Path) -> None:
 def test_an_empty_folder_that_nobody_knows_and_a_lease_that_nobody_closed_are_told(run: Path) -> None:
     (run / "extra" / "inner").mkdir(parents=True)
     (run / "figures").mkdir()
-    assert texts(run) == ["extra/inner/: is in the folder and not in the manifest"]
+    assert texts(run) == ["extra/inner/: is not in the manifest"]
     (run / "extra" / "inner").rmdir()
     (run / "lease.json").write_text('{"name": "dde-1", "ports": [1]}\n')
     lease, extra = texts(run)
-    assert extra == "extra/: is in the folder and not in the manifest"
-    assert lease == "lease.json: says that tools of dde-1 may be hot, and the manifest does not"
+    assert extra == "extra/: is not in the manifest"
+    assert lease == "lease.json: names dde-1 as possibly hot; the manifest does not"
     (run / "lease.json").write_text("")
-    assert texts(run)[0] == "lease.json: is there, and says of no station that its tools may be hot"
+    assert texts(run)[0] == "lease.json: names no station whose tools may be hot"
 
 
 @pytest.mark.parametrize("place", [4, 2000, -5, -200])
@@ -82,7 +82,7 @@ def test_files_missing_added_and_changed(run: Path) -> None:
     (run / "recipes" / "other.toml").write_text("")
     found = texts(run)
     assert "recipes/tht.toml: is missing" in found
-    assert "recipes/other.toml: is in the folder and not in the manifest" in found
+    assert "recipes/other.toml: is not in the manifest" in found
     assert any(text.startswith("line.toml: was changed") for text in found)
 
 
@@ -136,10 +136,10 @@ def set_cell(table: pa.Table, row: int, column: str, value: object) -> pa.Table:
         ("samples", lambda t: set_cell(t, 5, "temperature_c", None), "temperature_c"),
         ("samples", lambda t: set_cell(t, 5, "reasons", "temperature_c=timeout"), "a value of temperature_c and a reason"),
         ("samples", lambda t: set_cell(t, 5, "reasons", "temperature_c=timeout"), "quality ok with reasons temperature_c=timeout"),
-        ("samples", lambda t: set_cell(t, 5, "reasons", "colour=red"), "colour, which is no signal"),
+        ("samples", lambda t: set_cell(t, 5, "reasons", "colour=red"), "colour, which is not a signal"),
         ("samples", lambda t: set_cell(t, 5, "quality", "timeout"), "quality timeout with reasons None"),
-        ("samples", lambda t: set_cell(t, 9, "tick", 0), "the tick does not rise"),
-        ("samples", lambda t: set_cell(t, 9, "time", 5), "the time goes back"),
+        ("samples", lambda t: set_cell(t, 9, "tick", 0), "ticks do not rise"),
+        ("samples", lambda t: set_cell(t, 9, "time", 5), "time goes back"),
         ("counters", lambda t: set_cell(t, 0, "value", None), "plugged_h"),
         ("events", lambda t: set_cell(t, 0, "text", "nothing happened"), "event 2 does not carry the hash"),
         ("events", lambda t: t.slice(1), "event 2 follows event 0; 1 are missing"),

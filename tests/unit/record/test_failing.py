@@ -125,7 +125,7 @@ def test_a_store_that_cannot_be_read_just_now_is_not_a_damaged_one(
 
     with monkeypatch.context() as patch:
         patch.setattr(Segment, "is_begun", fails)
-        with pytest.raises(RecordError, match="cannot be read now: made up; nothing of it was changed"):
+        with pytest.raises(RecordError, match="cannot be read now: made up; nothing was changed"):
             recover(folder)
     recover(folder)
     assert few_rows.sealed_numbers(folder) == list(range(150))

@@ -66,7 +66,7 @@ def test_a_lease_that_nobody_closed_is_told_port_by_port_with_what_was_last_read
     done = recover(folder)
     assert told(folder) == [(1, f"{DIED} {SEEN}", 352.0), (2, f"{DIED} It was never read; it may be hot.", None)]
     assert not done.is_safe
-    assert "Tools of a may still be hot: nobody is known to have made them safe." in done.text
+    assert "Tools of a may still be hot: their safe state is not confirmed." in done.text
     manifest = read_manifest(folder)
     assert (manifest.exit_status, manifest.exit_code) == ("lost", 5)
     assert manifest.stations[0].unsafe == [f"a port {port}: {text}" for port, text, _ in told(folder)]
@@ -174,7 +174,7 @@ def test_recover_ends_with_5_until_the_lease_is_closed(left: Left) -> None:
     folder = left(TOUCHED, lease(1, 2))
     codes = [CliRunner().invoke(app, ["recover", str(folder)]) for _ in range(2)]
     assert [ended.exit_code for ended in codes] == [5, 5]
-    assert "finished already; nothing was changed." in codes[1].stdout
+    assert "already finished; nothing was changed." in codes[1].stdout
     assert "Tools of a may still be hot" in codes[1].stdout
     (folder / LEASE).unlink()
     ended = CliRunner().invoke(app, ["recover", str(folder), "--json"])

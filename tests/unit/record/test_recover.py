@@ -60,7 +60,10 @@ def test_it_tells_samples_events_settings_counters_and_lines_of_wires_apart(aban
     write_wire(abandoned)
     done = recover(abandoned)
     assert done.rows == {"samples": 150, "events": 22, "settings": 1, "counters": 2, "wire": 25}
-    assert "recovered, 150 samples, 22 events, 1 setting, 2 counters and 25 lines of wires sealed; exit status lost" in done.text
+    assert (
+        "recovered, 150 samples, 22 events, 1 setting, 2 counters and 25 lines of serial capture sealed; exit status lost"
+        in done.text
+    )
     assert read_manifest(abandoned).wire == "whole"
 
 
@@ -70,7 +73,7 @@ def test_a_wire_of_which_nothing_was_written_is_told_and_not_kept(abandoned: Pat
     empty.touch()
     recover(abandoned)
     assert not empty.exists()
-    assert read_manifest(abandoned).wire == "wire/b.tsv.gz: nothing of it was written."
+    assert read_manifest(abandoned).wire == "wire/b.tsv.gz: empty."
     assert check(abandoned) == []
 
 
@@ -243,7 +246,7 @@ def test_a_manifest_of_a_newer_jbclog_is_left_alone(abandoned: Path) -> None:
 
 def test_a_folder_that_is_no_run_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "letters").mkdir()
-    with pytest.raises(RecordError, match="no run"):
+    with pytest.raises(RecordError, match="not a run"):
         recover(tmp_path / "letters")
     assert list((tmp_path / "letters").iterdir()) == []
 
@@ -311,7 +314,7 @@ def test_a_store_that_is_none_any_more(abandoned: Path) -> None:
     recover(abandoned)
     manifest = read_manifest(abandoned)
     assert manifest.lost is not None
-    assert "nothing in it can be read" in manifest.lost.text
+    assert "cannot be read at all" in manifest.lost.text
     assert (abandoned / "damaged" / "live.sqlite").exists()
     assert few_rows.sealed_numbers(abandoned) == []
 

@@ -35,7 +35,7 @@ def test_nothing_that_was_handed_over_is_lost_or_stored_twice(tmp_path: Path, ma
     told = json.loads(done.stdout)
     commits, tables = told["commits"], told["tables"]
     assert told["met"] >= 100
-    assert told["untold"] == 0
+    assert told["unreported"] == 0
     assert told["outages"] == commits - 1
     for table, column in (("samples", "tick"), ("settings", "setting"), ("counters", "value")):
         place = BARE[table].names.index(column)

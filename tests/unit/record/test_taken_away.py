@@ -45,7 +45,7 @@ def test_a_spoilt_manifest_is_written_anew_from_the_live_store(tmp_path: Path) -
     store.close()
     store.release()
     (folder / "manifest.json").write_text('{"run":')
-    assert "cannot be read and was written anew" in recover(folder).text
+    assert "cannot be read; rewritten" in recover(folder).text
     assert read_manifest(folder).state == "sealed"
     assert check(folder) == []
 

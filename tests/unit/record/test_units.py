@@ -57,7 +57,7 @@ def test_a_manifest_that_names_other_units_than_the_events_is_found(tmp_path: Pa
     manifest = read_manifest(folder)
     manifest.units[0] = Unit("SN-9", at(1), at(9))
     write_manifest(folder, manifest)
-    assert [str(finding) for finding in check(folder)] == ["manifest.json: units: not those that the events tell of"]
+    assert [str(finding) for finding in check(folder)] == ["manifest.json: units: differ from those in the events"]
 
 
 @pytest.mark.parametrize(

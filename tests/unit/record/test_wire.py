@@ -44,7 +44,7 @@ def some_rows(count: int) -> Iterator[CaptureRow]:
 
 
 ROWS = list(some_rows(300))
-ENDS_EARLY = "wire/dde-1.tsv.gz ends before its session did: at most its last 1 s is missing, or what wire.failed says."
+ENDS_EARLY = "wire/dde-1.tsv.gz ends before its session: at most the last 1 s are missing, or what wire.failed says."
 HEADS = 5  # of 11 blocks or so: in those of numbers 0, 1, 2, 4 and 8
 
 
@@ -229,7 +229,7 @@ def test_recover_knows_one_that_had_ended_before(tmp_path: Path) -> None:
 def test_check_looks_at_it_too(tmp_path: Path) -> None:
     folder = make_run(tmp_path, seconds=2.0)
     path = written(folder, ROWS[:50])
-    assert [str(finding) for finding in check(folder)] == ["wire/dde-1.tsv.gz: is in the folder and not in the manifest"]
+    assert [str(finding) for finding in check(folder)] == ["wire/dde-1.tsv.gz: is not in the manifest"]
     assert wire_paths(folder) == [path]
 
 

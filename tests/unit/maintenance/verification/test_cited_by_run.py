@@ -78,7 +78,7 @@ def test_a_line_that_a_run_cites_and_that_was_changed_or_is_gone_is_found_by_che
     first, second, third = file.read_bytes().splitlines(keepends=True)
     file.write_bytes(first.replace(b"351.0", b"350.0") + second + third)
     (found,) = check(folder)
-    assert str(found).startswith("../verifications.jsonl: has not the line that this run was begun on (dde-1 port 1)")
+    assert str(found).startswith("../verifications.jsonl: lacks the line that this run cites (dde-1 port 1)")
     file.write_bytes(b"")
     assert len(check(folder)) == 2
     file.unlink()
