@@ -19,7 +19,7 @@ from jbclog.session.manual.contact import Contact, Place, Target, meet, title
 from jbclog.session.manual.names import Entry, Kind, entries, is_order
 from jbclog.session.manual.read import Reading
 from jbclog.session.manual.values import shown
-from jbclog.session.manual.write import CONFIRMED, MISMATCH, REFUSED, UNCHANGED, UNCONFIRMED, Change, Written, is_order_to_rest
+from jbclog.session.manual.write import Change, WriteOutcome, Written, is_order_to_rest
 
 # -- values -------------------------------------------------------------------------------------------------------------------
 
@@ -135,13 +135,13 @@ def result(written: Written) -> str:
     """One sentence: what was asked, and what came of it."""
     command, outcome = _command(written), written.outcome
     name = title(command, written.place)
-    if outcome == UNCHANGED:
+    if outcome == WriteOutcome.UNCHANGED:
         return f"{name}: is {_text(written, written.value)} already; nothing was sent"
-    if outcome == CONFIRMED:
+    if outcome == WriteOutcome.CONFIRMED:
         return f"{name}: {_done(written)}, {'read back' if _is_to_cool(written) else 'confirmed'}{_before(written)}"
-    if outcome in (MISMATCH, REFUSED, UNCONFIRMED):
+    if outcome in (WriteOutcome.MISMATCH, WriteOutcome.REFUSED, WriteOutcome.UNCONFIRMED):
         asked = "" if is_order(command) else f"{_text(written, written.value)} was asked, "
-        sent = "it was sent and is not confirmed: " if outcome == UNCONFIRMED else ""
+        sent = "it was sent and is not confirmed: " if outcome == WriteOutcome.UNCONFIRMED else ""
         return f"{name}: {asked}{sent}{written.problem or 'nothing came back'}{_before(written)}"
     if written.seconds is not None:
         return f"{name}: sent; the station answers again after {written.seconds:.1f} s"
@@ -185,14 +185,14 @@ def notes(written: Written, target: Target, change: Change, line: Path) -> Itera
         yield f"{command.name}: {text}"
     if written.at_work:
         yield _nobody_watches(written, target, line)
-    if written.outcome == CONFIRMED and command.name == "status" and written.readback != written.value:
+    if written.outcome == WriteOutcome.CONFIRMED and command.name == "status" and written.readback != written.value:
         yield _went_on(written)
-    if written.outcome == CONFIRMED and _is_to_cool(written):
+    if written.outcome == WriteOutcome.CONFIRMED and _is_to_cool(written):
         yield _cooling_not_seen(written, target, line)
-    if written.outcome == UNCONFIRMED and command.readable:
+    if written.outcome == WriteOutcome.UNCONFIRMED and command.readable:
         asked = Change(command.name, None, change.place)
         yield f"it may or may not have been done; `{call('read', target, asked, line)}` tells"
-    if command.name == "address" and written.outcome == CONFIRMED:
+    if command.name == "address" and written.outcome == WriteOutcome.CONFIRMED:
         wanted = f"address = {written.value or 'false'}"
         yield f"write `{wanted}` for {target.name} in {line}: that is where it answers from now on"
     if command.name == "restart" and written.is_fine:

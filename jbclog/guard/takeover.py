@@ -15,6 +15,7 @@ from functools import partial
 from jbclog.core.errors import Refusal, UsageError, unexpected_error_text
 from jbclog.core.io_requests import Steps
 from jbclog.core.serial_line import LineFormat
+from jbclog.core.states import SafetyResult
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease
 from jbclog.guard.messages import say
@@ -23,7 +24,7 @@ from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.safety.secure import secure
-from jbclog.session.safety.tools import SENT, Task, Tool
+from jbclog.session.safety.tools import Task, Tool
 from jbclog.transport import blocking
 from jbclog.transport.opening import allow_ports, open_port
 from jbclog.transport.port import Port
@@ -80,7 +81,7 @@ class TakeOver:
         except Exception as error:  # one station that cannot be saved must not keep the others from it
             self._tell(lease, "guard.failed", CRITICAL, f"the guard failed, {unexpected_error_text(error)}; {HOT}")
             return
-        if task.flood is not None and all(tool.reached == SENT for tool in task.tools):
+        if task.flood is not None and all(tool.reached == SafetyResult.SENT for tool in task.tools):
             self.flooded.add(lease.name)
         self._take_note(lease, task)
         for tool in task.tools:
@@ -130,7 +131,11 @@ class TakeOver:
             why, severity = (f"; {tool.fell_back}", WARNING) if tool.fell_back else ("", INFO)
             self._tell(lease, "safety.safe_state", severity, f"the tool {text}, as read back: {state}{why}", tool.port)
             return
-        what = "was told its safe state by the guard and does not confirm it" if tool.reached == SENT else "could not be made safe"
+        what = (
+            "was told its safe state by the guard and does not confirm it"
+            if tool.reached == SafetyResult.SENT
+            else "could not be made safe"
+        )
         what += "" if task.flood is None else " (its link is flooded)"
         self._tell(lease, "safety.not_safe", CRITICAL, f"the tool {what}; {HOT}", tool.port)
 

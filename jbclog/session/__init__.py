@@ -1,4 +1,4 @@
-"""What jbclog does with one station, as generators without I/O: run it, make it safe, read, write, find it.
+"""Everything that jbclog does with one station, as generators without I/O: run, make safe, read, write, discover.
 
-Start with `run/station_run.py`; each chapter of it is a file. `scheduler.py` decides which reading is due when.
+Start with `run/station_run.py`. `scheduler.py` decides which reading is due when.
 """

@@ -1,15 +1,15 @@
-"""Which reading is due when on one wire, and whether all of them fit: a cyclic executive.
+"""Decides which reading is due when on one link, and whether all of them fit: a cyclic executive.
 
-Fast signals are due on every tick of an absolute grid. Slow ones have a period, at which they are read when the wire
-has room (once a tick at most), and a ceiling of three times that, which the plan guarantees even while repeats take
-their share: they go into what the fast ones leave, the most urgent first, one at a time, and where there is no other way
-they run into the next tick by no more than their own length. Five percent of the wire are kept for repeats
-(docs/decisions/0006-cyclic-executive.md), a fifth where the rate is chosen here (`auto_rate_hz`).
+Fast signals are due on every tick of an absolute grid. Slow ones have a period, at which they are read when the link has time
+(once a tick at most), and a ceiling of three periods, which the plan guarantees even with repeats: they use the time that the
+fast ones leave, the most urgent first, one at a time, and if necessary run into the next tick by at most their own length.
+Five percent of the link's time are reserved for repeats (docs/decisions/0006-cyclic-executive.md), a fifth for a rate chosen
+by `auto_rate_hz`.
 
-The same arithmetic decides before a run whether a rate fits (`Demand`) and during it what to ask next (`SlowReadings`).
-Why the ceilings hold: what is read once in each of its periods, wherever in it, is never older than two. Earliest
-deadline first manages that where the shortest period leaves time enough for its share of all slow readings and for the
-one that is just being read (Liu and Layland 1973, with the fast signals as a supply that comes and goes).
+The same arithmetic decides before a run whether a rate fits (`Demand`) and during it what to read next (`SlowReadings`).
+Why the ceilings hold: a value read once in each of its periods is never older than two. Earliest deadline first achieves that
+if the shortest period leaves time for its share of all slow readings and for the one just being read (Liu and Layland
+1973, with the fast signals as an intermittent supply).
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from jbclog.protocol.commands.signals import ReadInterval, Signal, UsageCounter
 KEPT_FOR_REPEATS = 0.05
 KEPT_BY_AUTO = 0.2
 AUTO_RATES_HZ = (10.0, 5.0, 4.0, 2.0, 1.0, 0.5, 0.4, 0.2, 0.1, 0.05, 0.04, 0.02, 0.01, 0.005, 0.004, 0.002, 0.001)
-CEILING = 3.0  # a slow reading may be this many of its periods old
+CEILING = 3.0  # maximum age of a slow reading, in periods
 BEHIND_LETTERS = {Scope.STATION: 0, Scope.PORT: 1, Scope.TOOL: 2}  # characters for port and tool
-USUAL_DIGITS = 5  # of an answer whose length is not printed
+USUAL_DIGITS = 5  # assumed for an answer of unprinted length
 FIXED_PERIODS_S = {ReadInterval.FIVE: 5.0, ReadInterval.TEN: 10.0}
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One thing to read repeatedly: a signal, a counter or a setting that is watched, on one port.
+    """Something to read repeatedly on one port: a signal, a counter, a watched setting or the identity.
 
-    `port` is the row that it belongs to; `asks_port` is None where the command speaks to the whole station.
-    `period_s` is None for a fast signal.
+    `port` is the port of its row; `asks_port` is None where the command addresses the whole station. `period_s` is None for a fast
+    signal.
     """
 
     name: str
@@ -53,12 +53,12 @@ class Reading:
 
     @property
     def was_read(self) -> bool:
-        """Whether it has been read before the first tick."""
+        """Whether it was read before the first tick."""
         return self.counter is not None or self.is_identity
 
 
 def period_s(pace: ReadInterval, alarms_every_s: float, counters_every_s: float) -> float | None:
-    """Seconds between two readings of a pace; None for every tick."""
+    """Return the seconds between two readings; None for every tick."""
     if pace is ReadInterval.FAST:
         return None
     chosen = {ReadInterval.ALARMS: alarms_every_s, ReadInterval.COUNTERS: counters_every_s}
@@ -66,7 +66,7 @@ def period_s(pace: ReadInterval, alarms_every_s: float, counters_every_s: float)
 
 
 def read_wire_s(line: LineFormat, command: Command, addressed: bool) -> float:
-    """Seconds that the bytes of a read and its usual answer take on the wire, without turnaround."""
+    """Return the transmission time of a read and its usual answer, without response time."""
     code = len(command.letters) + BEHIND_LETTERS[command.scope]
     digits = USUAL_DIGITS if command.answer_digits is None else command.answer_digits
     return line.seconds(2 * (FRAMING + code + (ADDRESSES if addressed else 0)) + digits)
@@ -74,7 +74,7 @@ def read_wire_s(line: LineFormat, command: Command, addressed: bool) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Demand:
-    """What one wire has to carry: the fast reads of a tick, and slow ones as pairs of wire time and period in seconds."""
+    """The load of one link: the fast reads of a tick, and slow ones as pairs of transmission time and period in seconds."""
 
     fast_s: float
     fast_reads: int
@@ -87,72 +87,72 @@ class Demand:
         return cls(sum(fast), len(fast), tuple((one.wire_s, one.period_s) for one in readings if one.period_s is not None))
 
     def tick_s(self, turnaround_s: float) -> float:
-        """Seconds that the fast reads of one tick take."""
+        """Return the time that the fast reads of a tick take."""
         return self.fast_s + self.fast_reads * turnaround_s
 
     def longest_slow_s(self, turnaround_s: float) -> float:
-        """Seconds that the longest slow read takes; 0.0 where there is none."""
+        """Return the time that the longest slow read takes; 0.0 where there is none."""
         return max((wire_s + turnaround_s for wire_s, _ in self.slow), default=0.0)
 
     def load(self, rate_hz: float, turnaround_s: float) -> float:
-        """The share of the wire in use with slow readings at their ceilings, 1.0 being all of it."""
+        """Return the share of the link's time in use, with slow readings at their ceilings; 1.0 is all."""
         return rate_hz * self.tick_s(turnaround_s) + self._slow_share(rate_hz, turnaround_s) / CEILING
 
     def fits(self, rate_hz: float, turnaround_s: float, kept: float = KEPT_FOR_REPEATS) -> bool:
-        """Whether every tick can be run in its time and every slow reading within its ceiling, the share `kept` being free."""
+        """Whether every tick and every slow reading is in time while the share `kept` stays free."""
         free_s = 1 / rate_hz - self.tick_s(turnaround_s)
         return self.load(rate_hz, turnaround_s) <= 1 - kept and self._is_in_time(free_s, rate_hz, turnaround_s)
 
     def runs_over(self, rate_hz: float, turnaround_s: float) -> bool:
-        """Whether slow readings must be let into the next tick, because whole ones that end before it are too few."""
+        """Whether slow readings must run into the next tick, because too few complete ones fit before it."""
         one_s = self.longest_slow_s(turnaround_s)
         free_s = 1 / rate_hz - self.tick_s(turnaround_s)
         return bool(self.slow) and not self._is_in_time(math.floor(free_s / one_s + 1e-9) * one_s, rate_hz, turnaround_s)
 
     def best_rate_hz(self, turnaround_s: float) -> float:
-        """The highest rate that fits, in Hz, rounded down to a tenth (to a hundredth below 1 Hz); 0.0 where none does."""
+        """Return the highest rate that fits, in Hz, rounded down to a tenth (to a hundredth below 1 Hz); 0.0 for none."""
         rate = _border(lambda rate_hz: self.fits(rate_hz, turnaround_s), 1e-3, 1 / self.tick_s(turnaround_s))
         grain = 10 if rate >= 1 else 100
         return math.floor(rate * grain + 1e-9) / grain
 
     def auto_rate_hz(self, turnaround_s: float, longest_s: float) -> float:
-        """The highest of `AUTO_RATES_HZ` that leaves a fifth of the wire free, in Hz; 0.0 where none does.
+        """Return the highest of `AUTO_RATES_HZ` that leaves a fifth of the link's time free, in Hz; 0.0 for none.
 
-        The fifth is reckoned with the usual turnaround; with `longest_s`, the longest that is to be expected, the rate must fit.
-        None is lower than the slow readings need.
+        The fifth counts with the usual response time; with `longest_s`, the longest to be expected, the rate must still fit.
+        No rate is lower than the slow readings need.
         """
         rates = (rate_hz for rate_hz in AUTO_RATES_HZ if not self.is_too_slow(rate_hz))
         return next((hz for hz in rates if self.fits(hz, turnaround_s, KEPT_BY_AUTO) and self.fits(hz, longest_s)), 0.0)
 
     def greatest_turnaround_s(self, rate_hz: float, kept: float = KEPT_FOR_REPEATS) -> float:
-        """The longest turnaround at which `rate_hz` fits, in seconds; negative where the bytes alone are too many."""
+        """Return the longest response time at which `rate_hz` fits, in seconds; negative where the bytes alone are too many."""
         return _border(lambda turnaround_s: self.fits(rate_hz, turnaround_s, kept), -self.fast_s / self.fast_reads, 1 / rate_hz)
 
     @property
     def slowest_rate_hz(self) -> float:
-        """The lowest rate whose ticks come often enough for the slow readings' ceilings; 0.0 where there are none."""
+        """The lowest rate that is often enough for the slow readings' ceilings; 0.0 without slow readings."""
         return 1 / (CEILING * min(period_s for _, period_s in self.slow)) if self.slow else 0.0
 
     def is_too_slow(self, rate_hz: float) -> bool:
-        """Whether the ticks of `rate_hz` come too rarely for the slow readings' ceilings."""
+        """Whether `rate_hz` is too low for the slow readings' ceilings."""
         return rate_hz < self.slowest_rate_hz * (1 - 1e-9)
 
     def _slow_share(self, rate_hz: float, turnaround_s: float) -> float:
-        """The share of the wire that slow readings take where each is read in its period, or once a tick."""
+        """Return the share of time that slow readings take, each read in its period, or once a tick."""
         return sum((wire_s + turnaround_s) / max(period_s, 1 / rate_hz) for wire_s, period_s in self.slow)
 
     def _is_in_time(self, free_s: float, rate_hz: float, turnaround_s: float) -> bool:
-        """Whether slow readings come round in their periods where each tick has `free_s` for them."""
+        """Whether slow readings are in time when each tick leaves `free_s` for them."""
         tick_s = 1 / rate_hz
         window_s = max(min((period_s for _, period_s in self.slow), default=0.0), tick_s)
         whole, rest_s = divmod(window_s + 1e-12, tick_s)
-        blocked_s = (tick_s - free_s) * whole + min(tick_s - free_s, rest_s)  # at worst it begins with fast reads
+        blocked_s = (tick_s - free_s) * whole + min(tick_s - free_s, rest_s)  # the worst case begins with fast reads
         needed_s = self._slow_share(rate_hz, turnaround_s) * window_s + self.longest_slow_s(turnaround_s)
         return window_s - blocked_s >= needed_s - 1e-9
 
 
 def _border(fits: Callable[[float], bool], good: float, bad: float) -> float:
-    """Where `fits` turns from true at `good` to false at `bad`; `good` is taken on trust."""
+    """Find where `fits` changes from true at `good` to false at `bad`."""
     while bad - good > 1e-9:
         between = (good + bad) / 2
         good, bad = (between, bad) if fits(between) else (good, between)
@@ -161,7 +161,7 @@ def _border(fits: Callable[[float], bool], good: float, bad: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """The absolute grid of due times: tick n is due at `t0 + n * period_s` (monotonic seconds)."""
+    """The grid of due times: tick n is due at `t0 + n * period_s` (monotonic seconds)."""
 
     t0: float
     period_s: float
@@ -170,13 +170,13 @@ class Grid:
         return self.t0 + tick * self.period_s
 
     def first_from(self, moment: float) -> int:
-        """The first tick that is due at `moment` or later."""
+        """Return the first tick due at `moment` or later."""
         return math.ceil((moment - self.t0) / self.period_s - 1e-9)
 
     def next_after(self, tick: int, now: float) -> int:
-        """The tick to run once `tick` is done at `now`: the next one, unless that is a whole period late already.
+        """Return the tick to run after `tick` was finished at `now`: the next one, unless it is already a whole period late.
 
-        What lies between is skipped, not made up by a burst.
+        Ticks in between are skipped, not caught up.
         """
         behind = math.floor((now - self.due(tick + 1)) / self.period_s)
         return tick + 1 + max(behind, 0)
@@ -184,7 +184,7 @@ class Grid:
 
 @dataclass(slots=True, eq=False)
 class Slow:
-    """A slow reading, when it is next due and when it was last asked."""
+    """A slow reading, when it is due next and when it was read last."""
 
     reading: Reading
     period_s: float
@@ -193,17 +193,17 @@ class Slow:
 
 
 class SlowReadings:
-    """The slow readings of one wire. `longest_s` is what the longest of them takes, with turnaround.
+    """The slow readings of one link. `longest_s` is the duration of the longest, with response time.
 
-    Where `runs_over`, one may be begun before a tick and end in it. With ticks `tick_s` apart none is due more often.
+    With `runs_over` one may begin before a tick and end in it. With ticks `tick_s` apart none is due more often.
     """
 
     def __init__(
         self, readings: Iterable[Reading], start: float, *, longest_s: float = 0.0, tick_s: float = 0.0, runs_over: bool = False
     ) -> None:
-        """Signals are due at `start`, so that a run knows everything as soon as the wire has room.
+        """Signals are due at `start`, so that everything is known as soon as there is time for it.
 
-        Counters, model and software have been read before the first tick and are due a period later.
+        Counters, model and software were read before the first tick and are due a period later.
         """
         found = [
             Slow(reading, max(reading.period_s, tick_s), start + (reading.period_s if reading.was_read else 0.0), start)
@@ -216,13 +216,13 @@ class SlowReadings:
         self._waiting: list[Slow] = []  # due, and not yet taken
         self._longest_s = longest_s
         self._runs_over = runs_over
-        self.worst_periods = 0.0  # the longest that any reading waited, in its own periods; CEILING is the promise
+        self.worst_periods = 0.0  # the longest wait of any reading, in its own periods; CEILING is the promise
 
     def next(self, now: float, following: float) -> Slow | None:
-        """The due reading that is nearest to its ceiling, if one may be begun before the tick due at `following`.
+        """Return the due reading nearest to its ceiling, if there is time for it before the tick due at `following`.
 
-        One that has waited for a whole period after it was due goes first even then: on a line on which much has to be
-        asked again, ticks are late or skipped before slow signals are forgotten.
+        One that has waited a whole period is returned even without time: on a link with many repeats ticks may be late or
+        skipped, but slow signals are not starved.
         """
         self._fall_due(now)
         if not self._waiting:
@@ -232,7 +232,7 @@ class SlowReadings:
         return one if is_room or now > one.due + one.period_s else None
 
     def all_due(self, now: float) -> list[Slow]:
-        """Every reading due by `now`, for a station that cannot be asked."""
+        """Return every reading due by `now`, for a station that cannot be reached."""
         self._fall_due(now)
         return list(self._waiting)
 
@@ -241,9 +241,9 @@ class SlowReadings:
             self._waiting.append(heappop(self._coming)[2])
 
     def taken(self, slow: Slow, now: float, following: float = 0.0) -> None:
-        """`slow` was asked, with whatever result; it is due again a period after it was due.
+        """Note that `slow` was read, with whatever result; it is due again a period after it was due.
 
-        But never twice in a row, nor before the tick due at `following`: a row has one place for it.
+        But not before the tick due at `following`, nor twice in a row: a row has one value for it.
         """
         self.worst_periods = max(self.worst_periods, (now - slow.last) / slow.period_s)
         slow.last = now
@@ -252,13 +252,13 @@ class SlowReadings:
         heappush(self._coming, (slow.due, next(self._number), slow))
 
     def drop(self, slow: Slow) -> None:
-        """`slow` is nothing that the station has: it is never due again."""
+        """Remove a reading that the station does not support."""
         self._coming = [one for one in self._coming if one[2] is not slow]
         heapify(self._coming)
 
 
 def _urgency(slow: Slow) -> float:
-    """The nearer to its ceiling, the smaller."""
+    """The smaller, the nearer to its ceiling."""
     return slow.due + slow.period_s
 
 
@@ -271,7 +271,7 @@ def readings_of(
     alarms_every_s: float,
     counters_every_s: float,
 ) -> list[Reading]:
-    """Everything that is read repeatedly on one station; station-wide signals once, in the row of the first port."""
+    """List everything that is read repeatedly on one station; station-wide signals once, in the first port's row."""
     found: list[Reading] = []
     for signal, command in signals:
         for port in ports if command.scope is Scope.PORT else ports[:1]:
@@ -289,7 +289,7 @@ def readings_of(
 def watched_readings(
     commands: Iterable[Command], ports: Sequence[int], line: LineFormat, addressed: bool, every_s: float
 ) -> list[Reading]:
-    """Settings that are read again now and then, to find them changed; they fill no column."""
+    """List settings that are read periodically to detect changes; they fill no column."""
     return [
         Reading(command.name, command, port, port, read_wire_s(line, command, addressed), every_s)
         for command in commands
@@ -300,7 +300,7 @@ def watched_readings(
 def identity_readings(
     commands: Iterable[Command], ports: Sequence[int], line: LineFormat, addressed: bool, every_s: float
 ) -> list[Reading]:
-    """What a station says of who it is, read again now and then, to find another one in its place; it fills no column."""
+    """List the reads of a station's identity, to detect another station in its place; they fill no column."""
     return [
         Reading(command.name, command, ports[0], None, read_wire_s(line, command, addressed), every_s, is_identity=True)
         for command in commands

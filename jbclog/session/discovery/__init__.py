@@ -1,4 +1,4 @@
-"""Find out which station is behind a port, or why none can be driven. Asks harmless questions only.
+"""Find out which station is connected to a port, or why none can be driven. Sends harmless reads only.
 
-Start with `scan.py`, then `found.py`; `diagnosis.py` turns what came back into findings.
+Start with `scan.py`, then `found.py`; `diagnosis.py` turns the results into findings.
 """

@@ -1,4 +1,4 @@
-"""From what came on a port to findings: why there is no station that could be driven, and the one step that mends it."""
+"""Turns a port's scan into findings: why no station can be driven, and the step that fixes it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PLUG_IN = "pull the adapter out and plug it in again, or start the server behind
 
 
 def diagnose(report: PortReport) -> list[Finding]:
-    """What is wrong with this port, the first cause first; nothing where a station answers that a run could begin with."""
+    """Return what is wrong with this port; nothing for a station that a run could start with."""
     if report.broken is not None:
         return [_broken(report.url, report.broken)]
     if report.station is not None:
@@ -41,7 +41,7 @@ def diagnose(report: PortReport) -> list[Finding]:
 
 
 def _broken(url: str, error: LinkError) -> Finding:
-    """The sentences of `transport` say what is wrong, and behind a semicolon what to do."""
+    """Split the message of a `transport` error into problem and step, separated by a semicolon."""
     kind = next(kind for one, kind in BREAKS if isinstance(error, one))
     what, _, step = str(error).removeprefix(url).lstrip(": ").partition("; ")
     return Finding(kind, url, what, step or PLUG_IN)
@@ -68,7 +68,7 @@ def _not_drivable(url: str, station: StationFound, asked: Collection[int | None]
 
 
 def _nobody(report: PortReport) -> Finding:
-    """Why nobody is there. The surest sign decides."""
+    """Return why no station answers, by the surest sign."""
     url = report.url
     if report.binary is not None:
         what = f"what comes at {report.binary} is like JBC's binary protocol, which a station speaks that is not in Robot mode"
@@ -92,7 +92,7 @@ def _nobody(report: PortReport) -> Finding:
 
 
 def _heard_addresses(report: PortReport) -> Iterator[tuple[LineFormat, int]]:
-    """Line formats and addresses of stations in the whole JBC frames that came and answered nothing."""
+    """Yield line format and station address of complete JBC frames that answered nothing."""
     for line, data in report.garbage.items():
         for found in FrameReader().feed(data):
             if isinstance(found, Frame) and (address := address_of(found)) is not None:
@@ -100,7 +100,7 @@ def _heard_addresses(report: PortReport) -> Iterator[tuple[LineFormat, int]]:
 
 
 def _other_address(report: PortReport, line: LineFormat, address: int) -> Finding:
-    """A JBC frame came, so the line format is right; who it names was not asked, or did not say who it is."""
+    """Handle a JBC frame from another address: the line format is right, but the station was not tried or is not identified."""
     url, number = report.url, f"{address:02d}"
     kind = {10: ", which 004 gives to solder feeders", 20: ", which 004 gives to fume extractors"}.get(address, "")
     if address in report.asked:
@@ -115,7 +115,7 @@ def _other_address(report: PortReport, line: LineFormat, address: int) -> Findin
 
 
 def _look_again(report: PortReport) -> str:
-    """A format or an address that was not tried is likelier than crossed wires, and costs no iron."""
+    """Suggest untried formats and addresses, which are likelier than crossed wires and need no soldering."""
     if _is_thorough(report) and set(ALL) <= set(report.asked):
         return EXCHANGE
     thorough = "" if _is_by_server(report) else " --thorough"
@@ -126,24 +126,24 @@ def _look_again(report: PortReport) -> str:
 
 
 def _is_by_server(report: PortReport) -> bool:
-    """Whether somebody else decides on the line format."""
+    """Whether a server decides on the line format."""
     return report.url.startswith("socket:")
 
 
 def _is_thorough(report: PortReport) -> bool:
-    """Whether every line format was meant to be tried."""
+    """Whether every line format was tried or planned."""
     return _is_by_server(report) or len(report.tried) + len(report.untried) >= len(THOROUGH)
 
 
 def _options(report: PortReport) -> str:
-    """How this scan was asked for, beside its port and its time."""
+    """Return this scan's command line options, except for port and time."""
     numbers = [number for number in report.asked if number is not None and number not in ADDRESSES]
     thorough = " --thorough" if _is_thorough(report) and not _is_by_server(report) else ""
     return f"{thorough} --addresses {_ranges(numbers)}" if numbers else thorough
 
 
 def _ranges(numbers: list[int]) -> str:
-    """``2,5-7``: as --addresses takes them."""
+    """Format numbers for --addresses: ``2,5-7``."""
     found: list[list[int]] = []
     for number in sorted(numbers):
         if found and number == found[-1][-1] + 1:

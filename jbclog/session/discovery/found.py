@@ -1,4 +1,4 @@
-"""What a scan tries, and what it has found on a port."""
+"""What a scan tries, and what it finds."""
 
 from __future__ import annotations
 
@@ -10,13 +10,10 @@ from jbclog.core.errors import LinkError, LinkFlooded
 from jbclog.core.serial_line import BAUDRATES, LineFormat
 from jbclog.protocol.commands.family import ROBOT, Family
 
-# -- finding ------------------------------------------------------------------------------------------------------------------
-# One thing that is not as it should be: what, where, and the one step that mends it.
-
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """`kind` is a dotted word for programs, the rest for people. `where` is a port, a station, a folder or this machine."""
+    """A problem and the step that fixes it. `kind` is a dotted word for programs; `where` a port, station, folder or machine."""
 
     kind: str
     where: str
@@ -24,31 +21,28 @@ class Finding:
     step: str
 
 
-# -- trials -------------------------------------------------------------------------------------------------------------------
-# What is tried on a port, in which order, and how long that may take: data.
-
 ADDRESSES: tuple[int | None, ...] = (1, None, 10)
-"""Which station is asked: 01, the usual one, then without addresses, then 10 (docs/reference/contradictions.md, B-7, B-8)."""
+"""Addresses to try: 01, the usual one, then none, then 10 (docs/reference/contradictions.md, B-7, B-8)."""
 
-ANSWER_S = 0.3  # for an answer beside its bytes (docs/reference/contradictions.md, B-13)
-OMEGA_ANSWER_S = 0.4  # it may take 0.25 s (003, 11.1; docs/reference/contradictions.md, B-47)
-OMEGA_ASKED = 2  # times, the first right behind JBC's questions
-BINARY_LISTEN_S = 1.3  # a station in its binary protocol speaks by itself; how often, no manual says
-OPENING_S = 0.3  # for closing and opening a port, and what else a host does
-LEARNING_S = 9.0  # for who was found: 26 questions, and some more where one is answered otherwise, to the slowest heard of
-EXCHANGE = 28  # characters of a question and the longest answer to it
+ANSWER_S = 0.3  # response time allowed for (docs/reference/contradictions.md, B-13)
+OMEGA_ANSWER_S = 0.4  # 003, 11.1 prints 0.25 s (docs/reference/contradictions.md, B-47)
+OMEGA_ASKED = 2  # times; the first one right after JBC's requests may get lost
+BINARY_LISTEN_S = 1.3  # a station in its binary protocol sends by itself; no manual prints how often
+OPENING_S = 0.3  # for closing and opening a port
+LEARNING_S = 9.0  # for reading the identity: 26 requests, and some repeats, at the slowest known response time
+EXCHANGE = 28  # characters of a request and the longest answer to it
 
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One line format. `listens_s`: so long the port is listened to before anything is asked."""
+    """One line format. `listens_s`: time to listen before the first request."""
 
     line: LineFormat
     asks_omega: bool = False
     listens_s: float = 0.0
 
     def seconds(self, addresses: Sequence[int | None]) -> float:
-        """How long it takes where nothing answers."""
+        """Return the time it takes if nothing answers."""
         questions = len(addresses) * (ANSWER_S + self.line.seconds(EXCHANGE))
         return OPENING_S + self.listens_s + questions + (OMEGA_ASKED * OMEGA_ANSWER_S if self.asks_omega else 0.0)
 
@@ -69,12 +63,12 @@ THOROUGH: tuple[Trial, ...] = (*USUAL, *(Trial(line) for line in _ALL if line no
 """Every line format of the older stations' menu (000, 2.1): twelve rates, three parities, one and two stop bits."""
 
 BY_SERVER: tuple[Trial, ...] = (Trial(LineFormat(), asks_omega=True, listens_s=BINARY_LISTEN_S),)
-"""For a port whose line format somebody else decides: the server behind socket://."""
+"""For a port whose line format is set elsewhere: in the server behind socket://."""
 
 
 @dataclass(frozen=True, slots=True)
 class ScanPlan:
-    """What one port is asked at most, and for how long. A station that answers ends it."""
+    """What one port is tried with at most, and for how long. A station that answers ends the scan."""
 
     trials: tuple[Trial, ...] = USUAL
     addresses: tuple[int | None, ...] = ADDRESSES
@@ -82,25 +76,22 @@ class ScanPlan:
 
     @property
     def seconds(self) -> float:
-        """After this long no further line format is tried."""
+        """Time after which no further line format is tried."""
         needed = sum(trial.seconds(self.addresses) for trial in self.trials) + LEARNING_S
         return needed if self.limit_s is None else self.limit_s
 
 
 def plan_for(url: str, *, thorough: bool = False, addresses: tuple[int | None, ...] = ADDRESSES, limit_s: float | None) -> ScanPlan:
-    """What is tried at `url`."""
+    """Return what to try at `url`."""
     usual = THOROUGH if thorough else USUAL
     return ScanPlan(BY_SERVER if url.startswith("socket:") else usual, addresses, limit_s)
 
 
-# -- found --------------------------------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True, slots=True)
 class Turnaround:
-    """How long the station itself took to answer, in ms, over `answered` of `asked` harmless reads; never below 0.
+    """The station's response time in ms over `answered` of `asked` harmless reads; never below 0.
 
-    `faster` says, where it is so, that answers came sooner than their bytes could at the stated line format.
+    `faster` says if answers arrived sooner than their bytes could at the stated line format.
     """
 
     median_ms: float
@@ -112,13 +103,12 @@ class Turnaround:
 
 @dataclass(slots=True)
 class StationFound:
-    """Somebody who answers. `address` None: without addresses. What is None was not told.
+    """A station that answers. `address` None: without addresses. Other fields are None where not known.
 
-    `robot_mode` is False where the station has refused with N 00005, else None: that reads are answered does not show that
-    writes are taken, so it is not known before the first write. `tools` are the ports that answer, each with its tool's
-    name (``none``: a port without a tool; None: not told). `not_answered` are commands that every station of its family is asked,
-    and that this one does not take. `refusal` is how it refused to say its model, `trouble` why it was not asked to the end, and
-    `contradicts` that this was because it said something else each time.
+    `robot_mode` is False after a refusal with N 00005, else None: a station may answer reads and refuse writes, so it is not known
+    before the first write. `tools` are the ports that answer, with their tools' names (``none``: empty port; None: not
+    known). `not_answered` are commands that every station of its family has, but not this one. `refusal` is its refusal of the
+    model request, `trouble` why the scan of it was aborted, and `contradicts` that its answers differed each time.
     """
 
     line: LineFormat
@@ -137,28 +127,27 @@ class StationFound:
 
     @property
     def is_drivable(self) -> bool:
-        """Whether a run could begin with it."""
+        """Whether a run could start with it."""
         return self.family is not None and self.robot_mode is not False and self.trouble is None
 
     @property
     def has_robot_mode(self) -> bool:
-        """Whether it is a JBC station, which has that mode and may have an address; one of no known family is."""
+        """Whether it is a JBC station, which has that mode and may have an address; so it is if its family is not known."""
         return self.family is None or self.family.protocol == ROBOT
 
     @property
     def addressing(self) -> str:
-        """``address 01``, ``without addresses``."""
+        """Format: ``address 01``, ``without addresses``."""
         return "without addresses" if self.address is None else f"address {self.address:02d}"
 
 
 @dataclass(slots=True)
 class PortReport:
-    """One port: who answers there, what else came, and what was sent. It fills while the scan goes on.
+    """The scan of one port, filled while it runs: who answers, what else arrived, and what was sent.
 
-    `echoed`: a question came back as it was sent. `binary` is the line format at which somebody speaks JBC's other protocol.
-    `asked` are the addresses that each line format is tried with.
-    `flood`: far more came than answers are.
-    `garbage` is what came and was no answer, at most `MOST_KEPT` bytes a line format. `sent` counts each question at each format.
+    `echoed`: a request came back unchanged. `binary` is the line format at which JBC's binary protocol was received.
+    `asked` are the addresses tried. `flood`: far more bytes arrived than answers have. `garbage` has at most `MOST_KEPT` bytes
+    a line format that were no answer. `sent` counts each request at each format.
     """
 
     url: str

@@ -1,4 +1,4 @@
-"""One harmless question to a line on which nobody is known."""
+"""Sends one harmless request on a line whose station is not known."""
 
 from __future__ import annotations
 
@@ -18,19 +18,16 @@ from jbclog.protocol.commands.robot import COMMON
 from jbclog.protocol.frame import Frame, FrameReader
 from jbclog.protocol.omega import OmegaReader, encode
 
-# -- questions ----------------------------------------------------------------------------------------------------------------
-# Which bytes are harmless questions, by name: what a scan may send, and how it says what it sent.
-
 PORTS = (1, 2, 3, 4)
 
 
 def is_harmless(data: bytes) -> bool:
-    """Whether `data` is one whole question that changes nothing; R-TA, which clears, is none."""
+    """Whether `data` is exactly one read without side effect; R-TA, which clears, is none."""
     return question_text(data) is not None
 
 
 def question_text(data: bytes) -> str | None:
-    """What a harmless question asks, for people: ``model, to address 01``; None where it is none."""
+    """Describe a harmless request for people: ``model, to address 01``; None for any other data."""
     if frame.only_reads(data):
         (asked,) = FrameReader().feed(data)
         assert isinstance(asked, Frame)
@@ -41,7 +38,7 @@ def question_text(data: bytes) -> str | None:
 
 @cache
 def _names(protocol: str) -> Mapping[str, str]:
-    """All harmless questions of a protocol: the characters behind the header, and what they ask for."""
+    """Return all harmless requests of a protocol: the characters after the header, and their names."""
     tables = (family.commands.values() for family in FAMILIES.values() if family.protocol == protocol)
     return MappingProxyType({code: name for table in tables for command in table for code, name in _questions(command)})
 
@@ -56,13 +53,11 @@ def _questions(command: Command) -> Iterator[tuple[str, str]]:
         yield from ((command.code(port), f"{name} of port {port}") for port in PORTS)
 
 
-# -- probe --------------------------------------------------------------------------------------------------------------------
-
 T = TypeVar("T")
 
-MOST_KEPT = 256  # bytes of what came
+MOST_KEPT = 256  # bytes
 MEASURES = 3
-USUAL_ANSWERS = 200  # bytes a second; ten times that is more than a line at 19200 carries, whose noise may have another cause
+USUAL_ANSWERS = 200  # bytes a second; ten times that exceeds a line at 19200, where noise may have another cause
 HOST = 0
 MODEL = next(command for command in COMMON if command.name == "model")
 OMEGA_QUESTION = encode("A")  # 003, 11.3.1
@@ -72,23 +67,23 @@ DLE, NAK, STX = b"\x10", b"\x15", b"\x02"  # of JBC's binary protocol: a frame b
 
 
 def model_question(address: int | None) -> bytes:
-    """R-SMN, the one question that every JBC station knows, to `address` or without addresses."""
+    """Return R-SMN, which every JBC station answers, to `address` or without addresses."""
     target = (None, None) if address is None else (HOST, address)
     return Frame("R", MODEL.letters, *target).encode()
 
 
 @dataclass(frozen=True, slots=True)
 class Came:
-    """What came back to a question, or unasked. `rest` is without the question's own echo."""
+    """What arrived after a request, or without one. `rest` excludes the request's own echo."""
 
     rest: bytes
     echoed: bool = False
 
 
 class Probe:
-    """Collects what comes. `now` is the last moment that was told, monotonic seconds.
+    """Collects what arrives. `now` is the time of the last result, monotonic seconds.
 
-    What brings more at once than an answer has is listened to for a second, so many times: `flood` says so where it goes on.
+    If more arrives at once than an answer has, it listens for a second, `MEASURES` times at most: `flood` is set if it continues.
     """
 
     def __init__(self) -> None:
@@ -97,13 +92,13 @@ class Probe:
         self._measures_left = MEASURES
 
     def ask(self, question: bytes, patience_s: float, answer_in: Callable[[bytes], object | None]) -> Steps[Came]:
-        """Send `question` and take what comes until `answer_in` finds an answer in it, or `patience_s` are over."""
+        """Send `question` and collect until `answer_in` finds an answer, or for `patience_s`."""
         heard = yield Ask(question, patience_s)
         until = heard.sent + patience_s
         return (yield from self._collect(heard, until, question, answer_in))
 
     def listen(self, seconds: float) -> Steps[Came]:
-        """Take what comes unasked."""
+        """Collect without a request."""
         until = self.now + seconds
         heard = yield Listen(until)
         return (yield from self._collect(heard, until, b"", lambda _: None))
@@ -119,7 +114,7 @@ class Probe:
         return Came(_without(question, data)[:MOST_KEPT], bool(question) and question in data)
 
     def _measure(self, began: float) -> Steps[None]:
-        """Count what comes in a second in which nothing is asked."""
+        """Count the bytes of a second without requests."""
         self._measures_left -= 1
         came = 0
         while self.now < began + SECOND:
@@ -135,7 +130,7 @@ def _without(question: bytes, data: bytes) -> bytes:
 
 
 def robot_answer(data: bytes) -> Frame | None:
-    """The first answer or refusal in `data` that can be one to R-SMN."""
+    """Return the first answer or refusal in `data` that can be one to R-SMN."""
     frames = (found for found in FrameReader().feed(data) if isinstance(found, Frame))
     return next((frame for frame in frames if _is_answer(frame)), None)
 
@@ -147,10 +142,10 @@ def _is_answer(frame: Frame) -> bool:
 
 
 def omega_answer(data: bytes) -> str | None:
-    """The answer of an OMEGA to its information request in `data`."""
+    """Return the answer of an OMEGA to its information request in `data`."""
     return next((text for text in OmegaReader().feed(data) if text in OMEGA_ANSWERS), None)
 
 
 def is_binary(data: bytes) -> bool:
-    """Whether this is how a station speaks that is not in Robot mode: frames behind DLE, or NAK again and again."""
+    """Whether this is the binary protocol of a station outside of Robot mode: frames after DLE, or repeated NAK."""
     return DLE + STX in data or (bool(data) and not data.strip(NAK + DLE))

@@ -1,12 +1,12 @@
-"""The scan of one port: line format after line format, and who it is that answers.
+"""Scans one port: one line format after the other, then the identity of the station that answers.
 
 ::
 
-    open at a format -> listen, where it could be the binary protocol -> R-SMN to 01, to nobody, to 10 (-> OMEGA's A, twice)
-         ↑ nobody answers                                                          ↓ somebody does
-         └─────────────────────────────────────                 R-SMN again, until two say the same -> ask who (`scan.py`)
+    open at a format -> listen for the binary protocol -> R-SMN to 01, without address, to 10 (-> OMEGA's A, twice)
+         ↑ no answer                                                             ↓ answer
+         └─────────────────────────────────────                 R-SMN until two answers are equal -> read the identity
 
-Only questions are sent, and none that clears anything. What came and was no answer is kept for the diagnosis.
+Sends only reads, and none that clears anything. Bytes that are no answer are kept for the diagnosis.
 """
 
 from __future__ import annotations
@@ -50,20 +50,17 @@ from jbclog.session.discovery.probe import (
     robot_answer,
 )
 
-# -- who ----------------------------------------------------------------------------------------------------------------------
-# Who it is that answers: model, family, software, ports and tools, how fast. Harmless reads only.
-#
-# A model, a software, a tool and an error count when two answers say the same: a line file is made of them.
-
+# The identity: model, family, software, ports and tools, response time. A line file is made of it, so model, software, tool and
+# error need two equal answers.
 ROBOT_OFF = 5
-FAULT_IN_FRAME = (1, 2)  # communication errors: the station did not understand the question
+FAULT_IN_FRAME = (1, 2)  # communication errors: the station did not understand the request
 PORTS = (1, 2, 3, 4)
 NO_TOOL = 0
-COMMON_TO_ALL = FAMILIES["soldering"]  # its table, where the family is not known
+COMMON_TO_ALL = FAMILIES["soldering"]  # its table is used where the family is not known
 
 
 def of_answer(answer: Frame, line: LineFormat) -> tuple[StationFound, bool]:
-    """Who sent this answer to R-SMN, and whether it was meant: a fault found with the frame may be the wrong addressing."""
+    """Return the sender of this answer to R-SMN, and whether the answer counts: a frame error may mean wrong addressing."""
     found = StationFound(line, address_of(answer))
     if answer.header == "A":
         found.model = str(MODEL.quantity.decode(answer.text[len(MODEL.letters) :]))
@@ -76,14 +73,14 @@ def of_answer(answer: Frame, line: LineFormat) -> tuple[StationFound, bool]:
 
 
 def address_of(answer: Frame) -> int | None:
-    """The address that is not the host's, whichever of the two stands first (docs/reference/contradictions.md, B-6)."""
+    """Return the address that is not the host's, in either order (docs/reference/contradictions.md, B-6)."""
     if answer.source is None or answer.target is None:
         return None
     return answer.source if answer.source != HOST else answer.target
 
 
 def not_settled(line: LineFormat, given: Sequence[Frame]) -> StationFound:
-    """Somebody who answers, where no two of `given`, the answers to R-SMN, were the same: nothing that they say is known."""
+    """Return a station that answers, but never twice the same to R-SMN: nothing is known about it."""
     found = StationFound(line, address_of(given[0]), contradicts=len(given) > 1)
     said = ", ".join(_said(answer) for answer in given)
     found.trouble = f"it answered its model as {said}" if found.contradicts else f"it answered its model, {said}, once only"
@@ -91,14 +88,14 @@ def not_settled(line: LineFormat, given: Sequence[Frame]) -> StationFound:
 
 
 def _said(answer: Frame) -> str:
-    """``'DDE' from address 01``."""
+    """Format: ``'DDE' from address 01``."""
     address = address_of(answer)
     what = f"'{answer.text[len(MODEL.letters) :].strip()}'" if answer.header == "A" else f"N {answer.text[-5:]}"
     return what if address is None else f"{what} from address {address:02d}"
 
 
 def learn(found: StationFound, now: float) -> Steps[float]:
-    """Ask it what else it says of itself, and note that in `found`; give the moment."""
+    """Read the rest of the identity into `found`; return the time."""
     if found.refusal is not None:
         return now
     client = client_for(found.family, found.line, found.address)
@@ -126,7 +123,7 @@ def _learn_station(client: Client, found: StationFound) -> Steps[None]:
 
 
 def _told(client: Client, table: Family, name: str) -> Steps[Value | None]:
-    """The value of a command; None where the family has none, or the station says no or nothing that can be read."""
+    """Return the value of a command; None where the family has none, or the station refuses or sends nothing readable."""
     if name not in table.commands:
         return None
     try:
@@ -138,7 +135,7 @@ def _told(client: Client, table: Family, name: str) -> Steps[Value | None]:
 
 
 def _learn_tools(client: Client, found: StationFound) -> Steps[None]:
-    """The ports that answer R-CT, and what is connected there."""
+    """Find the ports that answer R-CT, and their tools."""
     table = _table(found)
     if "tool" not in table.commands:
         return
@@ -175,22 +172,20 @@ def _turnaround(measured: ResponseTime, line: LineFormat) -> Turnaround:
     return Turnaround(median_ms, longest_ms, len(measured.took), READS, measured.faster_text(line))
 
 
-# -- scan ---------------------------------------------------------------------------------------------------------------------
-
 OMEGA = "omega"
-AGAIN = 4  # times that a station is asked for its model after it has said it, at the most
+AGAIN = 4  # further requests for the model, at most
 
 
 @dataclass(slots=True)
 class Dial:
-    """What the scan and whoever opens its port share: `line` is the format for the next opening; `stop` ends the scan soon."""
+    """Shared by the scan and the opener of its port: `line` is the format for the next opening; `stop` ends the scan soon."""
 
     line: LineFormat
     stop: bool = False
 
 
 def scan(plan: ScanPlan, dial: Dial, report: PortReport) -> Steps[None]:
-    """Fill `report`. Never raises for what a port or a station does."""
+    """Fill `report`. Errors of port and station are not raised."""
     began = (yield Wait(0.0)).now
     report.asked = plan.addresses
     this = _Scan(plan, dial, report, began)
@@ -204,7 +199,7 @@ def scan(plan: ScanPlan, dial: Dial, report: PortReport) -> Steps[None]:
 
 
 class _Scan:
-    """One scan while it goes on."""
+    """One scan in progress."""
 
     def __init__(self, plan: ScanPlan, dial: Dial, report: PortReport, began: float) -> None:
         self.probe = Probe()
@@ -226,7 +221,7 @@ class _Scan:
         return self._dial.stop or self.probe.now >= self._until
 
     def _try(self, trial: Trial) -> Steps[bool]:
-        """Whether this line format settled it."""
+        """Whether this line format ends the scan."""
         self._dial.line = trial.line
         self.probe.now = (yield Reopen()).now
         self._report.tried.append(trial.line)
@@ -258,14 +253,14 @@ class _Scan:
             if is_meant:
                 yield from self._settle(answer, found, address, patience_s)
                 return True
-            refused = refused or found  # perhaps it wants the other addressing (docs/reference/contradictions.md, B-14)
+            refused = refused or found  # it may need the other addressing (docs/reference/contradictions.md, B-14)
         self._report.station = refused
         return refused is not None
 
     def _settle(self, first: Frame, found: StationFound, address: int | None, patience_s: float) -> Steps[None]:
-        """Ask again until two answers say the same of model and address, then who it is; not of what one alone says.
+        """Repeat R-SMN until two answers agree on model and address, then read the rest.
 
-        Asked is in turn who was told to have answered, and who was asked.
+        It is sent in turn to the address that answered and to the one that was tried.
         """
         given = [first]
         for target in islice(cycle((found.address, address)), AGAIN):
@@ -280,7 +275,7 @@ class _Scan:
         self._report.station = not_settled(found.line, given)
 
     def _finds_omega(self, trial: Trial) -> Steps[bool]:
-        """Ask for one, more than once: the end of a JBC frame can take the STX of the first question for a digit of its sum."""
+        """Send A more than once: the end of a JBC frame can turn the STX of the first one into a digit of its sum."""
         for _ in range(OMEGA_ASKED):
             if self._is_over():
                 break
@@ -300,7 +295,7 @@ class _Scan:
             raise
 
     def _keep(self, line: LineFormat, came: Came) -> None:
-        """Note what came and was no answer."""
+        """Keep bytes that were no answer."""
         self._report.echoed |= came.echoed
         if came.rest:
             kept = self._report.garbage.get(line, b"") + came.rest

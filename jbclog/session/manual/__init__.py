@@ -1,4 +1,4 @@
-"""Read or write one value by hand, or make a station safe, for the person who asked.
+"""Read or write single values by command, or make a station safe.
 
 Start with `read.py`, then `write.py` and `safe.py`; `names.py` and `values.py` parse what a person types.
 """

@@ -1,4 +1,4 @@
-"""A station that a person asks for: opened, asked who it is, its ports and tools found."""
+"""Opens a station for a command: identifies it, finds its ports and tools."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CONDITIONS = "101 to 199, 201 to 299, 301 to 399, or 0 for the cleaning"
 @dataclass(frozen=True, slots=True)
 class Target:
     """A station as the line file describes it. `family` is None for "auto", `ports` None for the family's own; `model` is the
-    name that is accepted for it, None where none is.
+    accepted model name, None for none.
     """
 
     name: str
@@ -39,14 +39,14 @@ class Target:
 
 
 class Place(NamedTuple):
-    """Where a command speaks to: nothing is the whole station. `condition` is the number of one of OMEGA's solder conditions."""
+    """What a command addresses; all None is the whole station. `condition` is the number of an OMEGA solder condition."""
 
     port: int | None = None
     tool: int | None = None
     condition: int | None = None
 
     def __str__(self) -> str:
-        """``port 1, tool 2``; nothing for the whole station."""
+        """Format: ``port 1, tool 2``; empty for the whole station."""
         return ", ".join(f"{name} {number}" for name, number in self._asdict().items() if number is not None)
 
 
@@ -54,18 +54,18 @@ NOWHERE = Place()
 
 
 def title(command: Command, place: Place) -> str:
-    """``sleep_delay of port 1, tool 2``."""
+    """Name a value: ``sleep_delay of port 1, tool 2``."""
     return f"{command.name} of {place}" if any(number is not None for number in place) else command.name
 
 
 def sentence(error: StationError) -> str:
-    """What a station's error says, without its beginning, which says again what was asked."""
+    """Return a station error's text without the name of the request."""
     return str(error).partition(": ")[2] or str(error)
 
 
 @dataclass(slots=True)
 class Contact:
-    """A station that has answered. `model` is None where the family has no such question; `tools` are the codes by port."""
+    """A station that has answered. `model` is None where the family reports none; `tools` are codes by port."""
 
     target: Target
     client: Client
@@ -80,23 +80,23 @@ class Contact:
 
     @property
     def is_proven(self) -> bool:
-        """Whether the station is of the family by whose tables it is spoken to, as far as its name tells."""
+        """Whether the model name proves the family whose tables are used."""
         if self.model is None or self.target.model is None:
             return self.model is None or self.family.proves(self.model)
         return self.model == self.target.model
 
     def stranger(self) -> str:
-        """In what the station and the line file differ."""
+        """Describe the difference between station and line file."""
         if self.target.model is not None:
             return f"{self.name}: {model_not_accepted_text(self.target.model, str(self.model))}"
         return f"{self.name}: the line file says family {self.family.name}, the station says model {self.model}"
 
     def read(self, command: Command, place: Place) -> Steps[Value]:
-        """Ask once (the client repeats what was lost). Raises `StationError` and `LinkError`."""
+        """Read once (the client repeats lost reads). Raises `StationError` and `LinkError`."""
         return (yield from self.client.read(_numbered(command, place), place.port, place.tool))
 
     def read_confirmed(self, command: Command, place: Place, *, known: Value | None = None, grows: bool = False) -> Steps[Value]:
-        """Ask until two answers are the same: what decides is not believed of one. Raises as `read` does."""
+        """Read until two answers are equal. Raises as `read` does."""
         return (yield from read_confirmed(self.client, _numbered(command, place), place.port, place.tool, known=known, grows=grows))
 
 
@@ -105,7 +105,7 @@ def _numbered(command: Command, place: Place) -> Command:
 
 
 def meet(target: Target) -> Steps[Contact]:
-    """Open the port and ask who is there. Raises `StartRefused` with what to do, and `LinkError`."""
+    """Open the port and identify the station. Raises `StartRefused` with what to do, and `LinkError`."""
     client = client_for(target.family, target.line, target.address)
     client.unasked((yield Wait(0.0)))
     client.unasked((yield Reopen()))
@@ -119,7 +119,7 @@ def meet(target: Target) -> Steps[Contact]:
 
 
 def _first_answer(target: Target, client: Client, command: Command, *, again: bool = False) -> Steps[Value]:
-    """With `again` a first silence is not believed: what was on the line before can swallow an OMEGA's first question."""
+    """Read the first answer. With `again` a first silence is ignored: earlier bytes can swallow an OMEGA's first request."""
     try:
         return (yield from read_confirmed(client, command))
     except StationSilent as error:
@@ -133,7 +133,7 @@ def _first_answer(target: Target, client: Client, command: Command, *, again: bo
 
 
 def no_answer(target: Target, error: StationError) -> str:
-    """What to look at when nothing usable comes."""
+    """Describe what to check when no usable answer arrives."""
     addressing = "without addresses" if target.address is None else f"address {target.address:02d}"
     robot_mode = "" if target.family is not None and not target.family.models else "Robot mode is switched on in its menu, "
     return (
@@ -150,7 +150,7 @@ def _learnt(target: Target, model: str) -> Family:
 
 
 def expect_proven(contact: Contact) -> Steps[None]:
-    """Raise `StartRefused` where the station is not of its family: nothing is written to a stranger."""
+    """Raise `StartRefused` where the station is not proven to be of its family: then nothing may be written."""
     if not contact.is_proven:
         if contact.target.model is None:
             raise StartRefused(f"{contact.name}: {other_model_text(contact.family, str(contact.model))}")
@@ -159,7 +159,7 @@ def expect_proven(contact: Contact) -> Steps[None]:
 
 
 def expect_borne_out(contact: Contact) -> Steps[None]:
-    """Raise `StartRefused` where a name that the line file accepts belongs to a station of another kind than its family's."""
+    """Raise `StartRefused` where an accepted model name belongs to a station of another kind than its family's."""
     if contact.target.model is None:
         return
     why = yield from kind_problem(contact.client, contact.family, min(contact.ports or (1,)))
@@ -168,11 +168,8 @@ def expect_borne_out(contact: Contact) -> Steps[None]:
         raise StartRefused(f"{contact.name}: model {model} is driven as {family} by the line file, but {why}. {NOT_DRIVEN}")
 
 
-# -- ports and tools --------------------------------------------------------------------------------------------------------
-
-
 def find_ports(contact: Contact) -> Steps[tuple[int, ...]]:
-    """The ports that the line file names, or the family has, or that answer."""
+    """Return the ports named by the line file, or by the family, or those that answer."""
     if contact.ports is None:
         found = []
         for number in PORTS:
@@ -183,7 +180,7 @@ def find_ports(contact: Contact) -> Steps[tuple[int, ...]]:
 
 
 def find_tool(contact: Contact, port: int) -> Steps[int | None]:
-    """The code of the tool connected to `port`, 0 for none; None where there is no such port. Asked once."""
+    """Return the code of the tool in `port`, 0 for none; None for a missing port. Reads it once."""
     if port not in contact.tools:
         command = contact.family.command_of("tool")
         try:
@@ -195,7 +192,7 @@ def find_tool(contact: Contact, port: int) -> Steps[int | None]:
 
 
 def check_place(command: Command, family: Family, ports: tuple[int, ...] | None, place: Place) -> None:
-    """Raise `UsageError` where port or tool were given and cannot be meant; nothing has to be asked for that."""
+    """Raise `UsageError` where the given port or tool is impossible, without a request."""
     if command.scope in (Scope.STATION, Scope.CONDITION) and place.port is not None:
         raise UsageError(f"{command.name} belongs to the whole station: leave --port out")
     if command.scope is not Scope.TOOL and place.tool is not None:
@@ -212,7 +209,7 @@ def check_place(command: Command, family: Family, ports: tuple[int, ...] | None,
 
 
 def is_number_of_one(condition: int | None) -> bool:
-    """Whether this is a number under which OMEGA can hold a solder condition, or its cleaning."""
+    """Whether OMEGA can have a solder condition, or its cleaning, under this number."""
     return condition is not None and (condition == CLEANING or is_condition(condition))
 
 
@@ -221,9 +218,9 @@ def tools_of(family: Family) -> tuple[int, ...]:
 
 
 def places(contact: Contact, command: Command, asked: Place) -> Steps[list[Place]]:
-    """Every place that is meant: the one asked for, or all ports, with the tools connected to them.
+    """Return every place addressed: the given one, or all ports, with the tools in them.
 
-    Raises `StartRefused` where the tool connected is meant and there is none.
+    Raises `StartRefused` where a tool is needed and the port is empty.
     """
     if command.scope not in (Scope.PORT, Scope.TOOL):
         return [Place(condition=asked.condition)]
@@ -250,7 +247,7 @@ def _place(contact: Contact, command: Command, port: int, tool: int | None) -> S
 
 
 def everywhere(contact: Contact, commands: Iterable[Command]) -> Steps[list[tuple[Command, Place]]]:
-    """Every place of each of these commands: the station, its ports, the tools connected to them."""
+    """List every place of each of these commands: the station, its ports, the tools in them."""
     ports = yield from find_ports(contact)
     found: list[tuple[Command, Place]] = []
     for command in commands:

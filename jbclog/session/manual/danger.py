@@ -1,4 +1,4 @@
-"""Dangerous commands: what they do, and the settings that are read before one is sent."""
+"""Dangerous commands: their effects, and the snapshot of settings before one is sent."""
 
 from __future__ import annotations
 
@@ -15,9 +15,7 @@ from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.session.manual.contact import NO_TOOL, Contact, Place, everywhere, find_ports, find_tool, sentence, title, tools_of
 from jbclog.session.manual.values import shown
 
-# -- danger -------------------------------------------------------------------------------------------------------------------
-
-COOL_C: Final = 60  # above it nothing is restarted or reset: who knows what the tool does next
+COOL_C: Final = 60  # above it nothing is restarted or reset, because the tool's reaction is not known
 ONLY_COLD: Final = frozenset({"restart", "factory_reset"})
 
 WHAT: Final[Mapping[str, str]] = MappingProxyType(
@@ -42,7 +40,7 @@ LIMITS: Final = (("maximum_", "highest"), ("minimum_", "lowest"))
 
 
 def what_it_does(command: Command) -> str:
-    """What is dangerous in it, for the person who is about to do it; where nobody has written that down, its effect."""
+    """Describe the danger of a command for the person about to send it; without a text, its effect."""
     for beginning, which in LIMITS:
         if command.name.startswith(beginning):
             what = command.name.removeprefix(beginning).replace("_", " ")
@@ -53,13 +51,13 @@ def what_it_does(command: Command) -> str:
 
 
 def is_dangerous(name: str, family: Family | None) -> bool:
-    """Whether the command of that name is dangerous; where the family is still to be learnt, in any family."""
+    """Whether the command of that name is dangerous; if the family is not known yet, in any family."""
     families = FAMILIES.values() if family is None else (family,)
     return any(one.commands[name].dangerous for one in families if name in one.commands)
 
 
 def expect_cold(contact: Contact) -> Steps[None]:
-    """Raise `StartRefused` where a tool is hotter than `COOL_C`, or may be: what cannot be read counts as hot."""
+    """Raise `StartRefused` where a tool is hotter than `COOL_C`; one that cannot be read counts as hot."""
     for port in (yield from find_ports(contact)):
         if (yield from find_tool(contact, port)) != NO_TOOL:
             yield from _expect_cold(contact, port)
@@ -85,7 +83,7 @@ def _expect_cold(contact: Contact, port: int) -> Steps[None]:
 
 
 def _highest(contact: Contact, command: Command, place: Place) -> Steps[float | None]:
-    """The higher of two readings; None where one of them is beyond what a tool can have."""
+    """Return the higher of two readings; None where one of them is implausible."""
     found = []
     for _ in range(2):
         value = yield from contact.read(command, place)
@@ -95,16 +93,13 @@ def _highest(contact: Contact, command: Command, place: Place) -> Steps[float | 
     return max(found)
 
 
-# -- snapshot -----------------------------------------------------------------------------------------------------------------
-# All settings of a station, read before something dangerous is done to it, so that they can be set again by hand.
-#
-# Whole means: everything that can be written and read back, of the station, its ports, and the tools connected. Tools that are not
-# connected are asked for too, because a reset takes their adjustments with it; a station that does not tell them is no obstacle.
+# A snapshot has all settings that can be written and read back, of the station, its ports and the connected tools, so that a
+# person can restore them. Other tools are read too, because a reset affects their adjustments, but may be missing.
 
 
 @dataclass(frozen=True, slots=True)
 class KeptSetting:
-    """One setting as it was: `value` in its unit and as `jbclog write` takes it, `raw` the data field."""
+    """One setting: `value` in its unit, as `jbclog write` takes it, `raw` the data field."""
 
     port: int | None
     tool: int | None
@@ -118,7 +113,7 @@ class KeptSetting:
 
 @dataclass(slots=True)
 class Snapshot:
-    """What a station's settings are. `absent` names what it does not have."""
+    """A station's settings. `absent` names what it does not have."""
 
     station: str
     url: str
@@ -129,13 +124,13 @@ class Snapshot:
 
 
 Keep = Callable[[Snapshot], None]
-"""Puts a snapshot where it lasts before it returns, or raises `RecordError`."""
+"""Stores a snapshot durably before it returns, or raises `RecordError`."""
 
 
 def take_snapshot(contact: Contact, number: int | None = None) -> Steps[Snapshot]:
-    """Read all settings; of those that are kept under numbers, that of `number`.
+    """Read all settings; of the numbered ones, that of `number`.
 
-    Raises `StartRefused` where one of them cannot be had; then nothing has been changed.
+    Raises `StartRefused` where one of them cannot be read; then nothing has been changed.
     """
     target = contact.target
     taken = Snapshot(target.name, target.url, contact.family.name, contact.model)
@@ -169,7 +164,7 @@ def _take(contact: Contact, command: Command, place: Place, taken: Snapshot) -> 
 
 
 def _take_unconnected(contact: Contact, taken: Snapshot) -> Steps[None]:
-    """As far as the station tells: a tool of which one setting is not told is not asked further."""
+    """Read the settings of other tools, as far as the station answers; after one failure a tool is skipped."""
     for place in (yield from _unconnected(contact)):
         for command in _of_tools(contact):
             try:

@@ -1,4 +1,4 @@
-"""Commands by name: found, or not with the nearest; listed by family, and by the families that share them."""
+"""Finds commands by name, suggests similar names, and lists them by family."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from jbclog.protocol.commands.ranges import allowed
 from jbclog.session.manual.values import words_for
 
 Kind = Callable[[Command], bool]
-"""Which commands are meant: `readable` or `writable`."""
+"""Selects commands: `readable` or `writable`."""
 
 MOST_NEAR = 3
 
@@ -29,14 +29,14 @@ def writable(command: Command) -> bool:
 
 
 def is_order(command: Command) -> bool:
-    """Whether it carries no value of its own: a restart, a start of the feeder."""
+    """Whether it has no value of its own: a restart, a start of the feeder."""
     return not command.readable and command.limits.low == command.limits.high == 0
 
 
 def find(name: str, family: Family | None, kind: Kind) -> Command:
-    """The command of that name. Where the family is still to be learnt, any family's, which tells no more than its kind.
+    """Return the command of that name; if the family is not known yet, that of any family.
 
-    Raises `UsageError` with the nearest names, or where the command cannot be read, or not written.
+    Raises `UsageError` with similar names, or where the command cannot be read, or not written.
     """
     commands = family.commands if family is not None else anywhere()
     command = commands.get(name) or commands.get(_normal(name))
@@ -51,7 +51,7 @@ def find(name: str, family: Family | None, kind: Kind) -> Command:
 
 
 def _normal(name: str) -> str:
-    """As the tables spell names: "Tip temperature" and tip-temperature are meant to be found."""
+    """Spell a name as the tables do: "Tip temperature" and tip-temperature are accepted."""
     return name.strip().lower().replace("-", "_").replace(" ", "_")
 
 
@@ -64,7 +64,7 @@ def _unknown(name: str, of: str, names: list[str]) -> str:
 
 
 def anywhere() -> Mapping[str, Command]:
-    """Every command of every family by its name; the first family's where several have it."""
+    """Return every command of every family by name; the first family's where several have it."""
     found: dict[str, Command] = {}
     for family in FAMILIES.values():
         for command in family.commands.values():
@@ -73,7 +73,7 @@ def anywhere() -> Mapping[str, Command]:
 
 
 class Entry(NamedTuple):
-    """A line of the list of names."""
+    """A row of the list of names."""
 
     name: str
     unit: str
@@ -84,7 +84,7 @@ class Entry(NamedTuple):
 
 
 def entries(family: Family, kind: Kind) -> list[Entry]:
-    """Everything that a station of this family can be asked, or told, in the order of its tables."""
+    """List everything that can be read from or written to a station of this family, in the order of its tables."""
     return [_entry(command, family, kind) for command in family.commands.values() if kind(command)]
 
 
@@ -94,9 +94,8 @@ def _entry(command: Command, family: Family, kind: Kind) -> Entry:
 
 
 def values_text(command: Command, family: Family) -> str:
-    """What may be written: ``0 to 9 min, in steps of 1, or off``; the words where there are words.
-
-    Where the station itself knows the ends, by what it tells them.
+    """Describe what may be written: ``0 to 9 min, in steps of 1, or off``, or the words; for limits known only to the station, the
+    commands that read them.
     """
     if is_order(command):
         return "no value"
@@ -107,7 +106,7 @@ def values_text(command: Command, family: Family) -> str:
         lowest, highest = command.within
         steps = f"steps of {command.limits.step:g} {command.unit} " if command.limits.step else ""
         return f"{steps}up to {highest}" if lowest is None else f"{steps}from {lowest} to {highest}"
-    return ", ".join(words) or allowed(command).replace('"off"', "off")  # no file, where words have quotes
+    return ", ".join(words) or allowed(command).replace('"off"', "off")  # quotes are for files
 
 
 def _remark(command: Command, kind: Kind) -> str:
@@ -117,14 +116,14 @@ def _remark(command: Command, kind: Kind) -> str:
 
 
 def why_only_by_name(command: Command) -> str:
-    """Why this is not read among everything; nothing where it is."""
+    """Return why `read` without a name leaves this out; empty where it does not."""
     if command.sent_once:
         return "reading clears it"
     return "needs --condition" if command.scope is Scope.CONDITION else ""
 
 
 def shared(kind: Kind) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
-    """Names with the families that have them, those that most families have first: for `--help`."""
+    """List names with the families that have them, the most common first, for `--help`."""
     by_families: dict[tuple[str, ...], list[str]] = {}
     for name in anywhere():
         having = tuple(family.name for family in FAMILIES.values() if name in family.commands and kind(family.commands[name]))
@@ -134,5 +133,5 @@ def shared(kind: Kind) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
 
 
 def named(names: Iterable[str], beginning: str) -> list[str]:
-    """Those that begin so; for completion."""
+    """Return the names with that beginning, for completion."""
     return [name for name in names if name.startswith(beginning)]

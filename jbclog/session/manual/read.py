@@ -1,7 +1,6 @@
-"""Reading by hand: which answers are believed, one value, all values, a tip at a thermometer.
+"""Reads values by command: one, all, or a tip while a thermometer is at it.
 
-No value is told that one answer alone says, or that cannot be (`read.py`). What reading would clear is read only by its
-name, and once.
+No value rests on a single answer, and none is impossible. A value that reading clears is read only by name, and once.
 """
 
 from __future__ import annotations
@@ -43,22 +42,17 @@ from jbclog.session.manual.contact import (
 )
 from jbclog.session.manual.names import find, readable, why_only_by_name
 
-# -- plausible ----------------------------------------------------------------------------------------------------------------
-# Which answer is believed when a person asks: none of one alone, and none that cannot be.
-#
-# What stands still, a name, a tool, an error, a setting, a counter, is asked until two answers agree. What moves is asked until
-# two are about the same, or of three the middle one lies between the others. What reading clears is asked once: a second answer
-# would be another.
-
-COMPARE = "ask again, and compare with the station's display"
+# A steady value (name, tool, error, setting, counter) is read until two answers are equal. A moving one is read until two
+# are close, or the middle one of three lies between the others. A value that reading clears is read once.
+COMPARE = "read it again, and compare with the station's display"
 APART: Mapping[str, int] = MappingProxyType(
-    {**dict.fromkeys(TEMPERATURES, STILL_C), "power_permille": 100, "delay_s": 2}  # s: the seconds count while they are asked for
+    {**dict.fromkeys(TEMPERATURES, STILL_C), "power_permille": 100, "delay_s": 2}  # s: the countdown continues between answers
 )
-"""How far two answers to the same question may be from each other, in the signal's unit."""
+"""Maximum difference of two answers to the same request, in the signal's unit."""
 
 
 def believed(contact: Contact, command: Command, place: Place) -> Steps[Value]:
-    """Ask until an answer can be believed. Raises `ImplausibleAnswer` where none can, and what asking raises."""
+    """Read until an answer is confirmed. Raises `ImplausibleAnswer` where none is, and what reading raises."""
     if command.sent_once:
         return (yield from contact.read(command, place))
     signal = contact.family.signal_of(command.name)
@@ -74,7 +68,7 @@ def believed(contact: Contact, command: Command, place: Place) -> Steps[Value]:
 
 
 def _whole(contact: Contact, command: Command) -> Steps[int | None]:
-    """What the station tells as the greatest value of `command`; None where it tells none."""
+    """Return the station's maximum of `command`; None where there is none."""
     greatest = contact.family.commands.get(str(command.share_of))
     try:
         whole = None if greatest is None else (yield from contact.read_confirmed(greatest, NOWHERE))
@@ -107,7 +101,7 @@ def _cannot_be(command: Command, place: Place, given: Sequence[Value]) -> Implau
 
 
 def settled(given: Sequence[Value], apart: int) -> Value | None:
-    """What `given`, the answers so far, oldest first, agree on with the last of them, which may be `apart` from another."""
+    """Return the value confirmed by the last of `given`, oldest first, within `apart`; None where there is none yet."""
     numbers = [one for one in given if isinstance(one, int | float)]
     *before, last = numbers
     if any(abs(one - last) <= apart for one in before):
@@ -118,17 +112,15 @@ def settled(given: Sequence[Value], apart: int) -> Value | None:
     return middle if first <= middle <= last or first >= middle >= last else None
 
 
-# -- read ---------------------------------------------------------------------------------------------------------------------
-
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What a station told, or why it did not: then `value` is None, `reason` the record's word and `problem` the sentence.
+    """A value, or why there is none: then `value` is None, `reason` the record's word and `problem` the sentence.
 
-    `data` is the data field as it came, the last one of what is not believed; `heard` is when it was there, monotonic seconds.
-    `is_void`: it was told, or refused, and means nothing as the port is now. `is_absent`: the station does not have it.
+    `data` is the raw data field, of an implausible value the last one; `heard` is when it arrived, monotonic seconds. `is_void`: it
+    means nothing in the port's present state. `is_absent`: the station does not have it.
     """
 
     command: Command
@@ -143,13 +135,13 @@ class Reading:
 
 
 Tell = Callable[[Contact, Reading], None]
-"""Takes each reading as it comes, with the station that it comes from."""
+"""Takes each reading when it arrives, with its station."""
 
 
 def read_value(target: Target, name: str, asked: Place, tell: Tell) -> Steps[None]:
-    """Read the value of that name at each place that is meant.
+    """Read the value of that name at each place addressed.
 
-    Raises `StartRefused` where nobody usable answers or the family has no such value, and `LinkError`.
+    Raises `StartRefused` where no usable station answers or the family has no such value, and `LinkError`.
     """
     contact = yield from meet(target)
     command = found_after_all(contact, lambda: find(name, contact.family, readable))
@@ -158,24 +150,24 @@ def read_value(target: Target, name: str, asked: Place, tell: Tell) -> Steps[Non
 
 
 def read_all(target: Target, tell: Tell) -> Steps[None]:
-    """Read everything that can be read without changing anything, at every place. Raises as `read_value` does."""
+    """Read everything that can be read without side effect, at every place. Raises as `read_value` does."""
     contact = yield from meet(target)
     for command, place in (yield from everywhere(contact, harmless(contact.family))):
         tell(contact, (yield from _reading(contact, command, place)))
 
 
 def harmless(family: Family) -> list[Command]:
-    """What can be read as often as one likes, and without a number."""
+    """Return the commands that can be read any number of times, and without a number."""
     return [command for command in family.commands.values() if command.readable and not why_only_by_name(command)]
 
 
 def only_by_name(family: Family) -> list[Command]:
-    """What `read_all` leaves out."""
+    """Return the commands that `read_all` leaves out."""
     return [command for command in family.commands.values() if command.readable and why_only_by_name(command)]
 
 
 def found_after_all(contact: Contact, look: Callable[[], T]) -> T:
-    """What `look` finds once the family is known. What it does not find was wrong usage no more: the station was asked."""
+    """Run `look` now that the family is known. Its `UsageError` becomes `StartRefused`, because the station was contacted."""
     try:
         return look()
     except UsageError as error:
@@ -183,7 +175,7 @@ def found_after_all(contact: Contact, look: Callable[[], T]) -> T:
 
 
 def _reading(contact: Contact, command: Command, place: Place) -> Steps[Reading]:
-    """Raises only where nothing more can be read at all."""
+    """Read one value. Raises only where nothing more can be read."""
     client = contact.client
     try:
         value = yield from believed(contact, command, place)
@@ -200,7 +192,7 @@ def _reading(contact: Contact, command: Command, place: Place) -> Steps[Reading]
 
 
 def _unless_void(contact: Contact, reading: Reading) -> Steps[Reading]:
-    """The same, without its value where that means nothing without a tool, or because of the port's error.
+    """Remove the value where it means nothing without a tool, or during the port's error.
 
     docs/reference/contradictions.md, B-44.
     """
@@ -218,7 +210,7 @@ def _unless_void(contact: Contact, reading: Reading) -> Steps[Reading]:
 
 
 def _error_of(contact: Contact, port: int) -> Steps[int | None]:
-    """The error of `port`; None where it is not told."""
+    """Return the error of `port`; None where not known."""
     try:
         error = yield from contact.read_confirmed(contact.family.commands["port_error"], Place(port))
     except (StationError, KeyError):
@@ -226,15 +218,13 @@ def _error_of(contact: Contact, port: int) -> Steps[int | None]:
     return error if isinstance(error, int) else None
 
 
-# -- tip ----------------------------------------------------------------------------------------------------------------------
-# Reading a tip while a thermometer is at it: its temperature several times, with its setting before and after. Only questions.
-
+# Reads a tip while a thermometer is at it: its temperature several times, its settings before and after. Only reads.
 READINGS, EVERY_S = 12, 0.5
 
 
 @dataclass(slots=True)
 class TipReadings:
-    """What the station said: `temperatures` in °C in their order, `states` and `settings` (°C) before and after them."""
+    """The station's readings: `temperatures` in °C in order, `states` and `settings` (°C) before and after them."""
 
     model: str | None
     tool: str | None
@@ -247,7 +237,7 @@ class TipReadings:
 def read_tip(target: Target, port: int) -> Steps[TipReadings]:
     """Read the tip of `port` for `READINGS` × `EVERY_S` s.
 
-    Raises `StartRefused` where nobody usable answers, there is no such port, no tool in it, or no tip that tells its temperature.
+    Raises `StartRefused` where no usable station answers, or there is no such port, tool or temperature.
     """
     contact = yield from meet(target)
     ports = yield from find_ports(contact)
@@ -291,7 +281,7 @@ def _number(contact: Contact, name: str, place: Place) -> Steps[float | None]:
 
 
 def _value(contact: Contact, name: str, place: Place) -> Steps[Value | None]:
-    """A steady value by its name; None where the family has none of that name, or the station does not tell it."""
+    """Return a steady value by its name; None where the family has none, or it cannot be read."""
     command = contact.family.commands.get(name)
     if command is None:
         return None

@@ -1,8 +1,8 @@
-"""A whole station made safe by hand, and how its tools cool afterwards.
+"""Makes a whole station safe by command, and describes how its tools cool afterwards.
 
-Nobody's recipe is known here, so each family's usual safe state is ordered, and whether a tool that stands will ever cool
-is asked of its own delays. A tool that rests already is left alone: told to stand, one that sleeps would wake, and one that is
-cold in its extractor state would be heated.
+There is no recipe, so each family's default safe state is ordered, and the station's own delays say whether a standing tool ever
+cools. A resting tool is left alone: an order to stand would wake a sleeping tool, and heat one that is cold in its extractor
+state.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import Final
 from jbclog.core.errors import LinkError, LinkFlooded, StartRefused, StationError
 from jbclog.core.io_requests import Steps, Wait
 from jbclog.core.quantities import OFF
+from jbclog.core.states import SafetyResult
 from jbclog.protocol.client.confirmed_reads import read_confirmed
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE
@@ -23,26 +24,22 @@ from jbclog.protocol.commands.ranges import NO_COUNTDOWN
 from jbclog.session.manual.contact import NO_TOOL, PORTS, Contact, Place, Target, expect_borne_out, find_tool, meet
 from jbclog.session.manual.read import believed
 from jbclog.session.safety.secure import secure
-from jbclog.session.safety.tools import SENT, Task, Tool
+from jbclog.session.safety.tools import Task, Tool
 
-# -- cooling ------------------------------------------------------------------------------------------------------------------
-# What is known of how a tool cools that was told to rest: what it does next by itself, and when it was last seen below a limit.
-#
-# A tool that stands keeps its setpoint until its sleep delay is over, and its sleep temperature until the hibernation delay is.
-# What cannot be read is not known, and counts neither as cooling nor as cold.
-
+# A standing tool keeps its setpoint until its sleep delay is over, and its sleep temperature until the hibernation delay is. A
+# value that cannot be read is not known, and counts neither as cooling nor as cold.
 SLEEPS, HIBERNATES = "sleep", "hibernate"
 DELAYS: Final[Mapping[str, str]] = MappingProxyType({SLEEPS: "sleep_delay", HIBERNATES: "hibernation_delay"})
 NEXT_FROM: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType({"stand": (SLEEPS, HIBERNATES), "sleep": (HIBERNATES,)})
-"""What a tool does next by itself, by the state that it is in; from no other does it go anywhere."""
+"""What a tool does next by itself, by its state; from other states it does nothing."""
 
 
 @dataclass(frozen=True, slots=True)
 class Cooling:
-    """What follows on the state that a tool rests in.
+    """What follows the state that a tool rests in.
 
-    `follows`: what it does by itself, in turn; empty where its heater is off. `in_s` are the seconds to the first of these, None
-    where they are not known. `never` are those that its delays are off for, None where those could not be read.
+    `follows`: what it does by itself, in order; empty where its heater is off. `in_s` are the seconds to the first, None where not
+    known. `never` are those whose delays are off, None where not known.
     """
 
     follows: tuple[str, ...] = ()
@@ -50,7 +47,7 @@ class Cooling:
     never: tuple[str, ...] | None = ()
 
     def text(self) -> str:
-        """``sleeps in 2 min 56 s``; ``will not sleep by itself, its delay is off``; ``its heater is off``."""
+        """Format: ``sleeps in 2 min 56 s``; ``will not sleep by itself, its delay is off``; ``its heater is off``."""
         if not self.follows:
             return "its heater is off"
         first, never = self.follows[0], self.never or ()
@@ -67,14 +64,14 @@ class Cooling:
 
 
 def duration(seconds: float) -> str:
-    """``2 min 56 s``, ``45 s``, ``30 min``."""
+    """Format: ``2 min 56 s``, ``45 s``, ``30 min``."""
     minutes, rest = divmod(round(seconds), 60)
     parts = [f"{minutes} min"] if minutes else []
     return " ".join([*parts, *([f"{rest} s"] if rest or not minutes else [])])
 
 
 def cooling_of(contact: Contact, port: int, code: int | None, state: str) -> Steps[Cooling]:
-    """What the tool with this code in `port` does next; `state` is what it rests in. Raises nothing that a station does."""
+    """Return what the tool with this code in `port` does next; `state` is what it rests in. Station errors are not raised."""
     follows = NEXT_FROM.get(state, ()) if DELAYS[SLEEPS] in contact.family.commands else ()
     if not follows:
         return Cooling()
@@ -96,7 +93,7 @@ def _never(contact: Contact, place: Place, follows: tuple[str, ...]) -> Steps[tu
 
 
 def _countdown(contact: Contact, port: int) -> Steps[int | None]:
-    """The seconds that the station still counts; None where it counts none, or does not tell."""
+    """Return the station's countdown in seconds; None where there is none or it is not known."""
     command = contact.family.command_of("delay_s")
     try:
         left = None if command is None else (yield from believed(contact, command, Place(port)))
@@ -106,7 +103,7 @@ def _countdown(contact: Contact, port: int) -> Steps[int | None]:
 
 
 def temperature_of(contact: Contact, port: int) -> Steps[float | None]:
-    """The temperature of the tool in `port` by two answers; None where it is not told, or there is no tool to have one."""
+    """Return the temperature of the tool in `port` by two answers; None where it is not known, or there is no tool."""
     command = contact.family.command_of("temperature_c")
     try:
         if command is None or (yield from find_tool(contact, port)) == NO_TOOL:
@@ -118,7 +115,7 @@ def temperature_of(contact: Contact, port: int) -> Steps[float | None]:
 
 
 def temperatures(target: Target, model: str | None, ports: tuple[int, ...]) -> Steps[dict[int, float]]:
-    """The temperatures of these tools now, of those that can be had; nothing of a station that is another by now."""
+    """Return the known temperatures of these tools; none for another station."""
     try:
         contact = yield from meet(target)
     except (StationError, StartRefused):
@@ -133,18 +130,16 @@ def temperatures(target: Target, model: str | None, ports: tuple[int, ...]) -> S
     return found
 
 
-# -- safe ---------------------------------------------------------------------------------------------------------------------
-
 SWITCH_OFF: Final = "switch the station off"
 
 
 @dataclass(slots=True)
 class MadeSafe:
-    """One tool: its name (None where it could not be asked), the state read back, and why it is not safe, if it is not.
+    """One tool: its name (None where not known), the state read back, and why it is not safe, if so.
 
-    `rested`: it was in that state already. `told`: the state that was ordered last, `fell_back` why it is not the usual one.
-    `temperature_c` as it is now, None where it could not be read, `last_c` as last read. `cooling`: what it does next by itself.
-    `is_cold`: after waiting, whether it was seen below the limit; None where nobody waited.
+    `rested`: it was in that state already. `told`: the last ordered state, `fell_back` why it is not the default.
+    `temperature_c` as now, None where not known, `last_c` as last read. `cooling`: what it does next by itself. `is_cold`: after
+    waiting, whether it was seen below the limit; None without waiting.
     """
 
     port: int
@@ -167,10 +162,10 @@ class MadeSafe:
 
 @dataclass(slots=True)
 class StationMadeSafe:
-    """What came of one station, as far as it has come. `problem` is what concerns it as a whole; `note` is no trouble.
+    """The result for one station so far. `problem` concerns it as a whole; `note` is for information.
 
-    `feeder` is ``stopped``, ``running`` (it could not be stopped) or None where there is none. Ports without a tool are in
-    `empty`.
+    `feeder` is ``stopped``, ``running`` (it could not be stopped) or None where there is none. `empty` are ports without a
+    tool.
     """
 
     target: Target
@@ -188,7 +183,7 @@ class StationMadeSafe:
 
 
 def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
-    """Put every tool of a station in its safe state, its feeder stopped first. Raises `StartRefused` and `LinkError`."""
+    """Put every tool of a station in its safe state, after stopping its feeder. Raises `StartRefused` and `LinkError`."""
     try:
         contact = yield from meet(target)
     except LinkFlooded as flood:
@@ -222,7 +217,7 @@ def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
 
 
 def _order_over_flood(target: Target, family: Family, made: StationMadeSafe, flood: LinkFlooded) -> Steps[None]:
-    """Order the safe state on every port that the line file or the family has, though nothing that is heard proves anything."""
+    """Order the safe state on every port of the line file or the family, without proof, over a flooded link."""
     client = client_for(family, target.line, target.address)
     client.unasked((yield Wait(0.0)))
     client.flow.is_flooded = True
@@ -248,13 +243,13 @@ def _order_over_flood(target: Target, family: Family, made: StationMadeSafe, flo
 
 
 def _unconfirmed(tool: Tool, task: Task) -> str:
-    what = "was told to rest and does not confirm it" if tool.reached == SENT else "could not be made safe"
+    what = "was told to rest and does not confirm it" if tool.reached == SafetyResult.SENT else "could not be made safe"
     return f"it {what}{'' if task.flood is None else ' (its link is flooded)'}; it may be hot: {SWITCH_OFF}"
 
 
 def _proven(contact: Contact, made: StationMadeSafe) -> Steps[Family]:
-    """The family that the station itself proves, whatever the line file says; where that accepts its name, the family that it
-    bears out by reads. Raises `StartRefused` for a stranger.
+    """Return the family that the station itself proves, whatever the line file says; for an accepted model name, the family that
+    reads prove. Raises `StartRefused` for any other station.
     """
     if contact.is_proven:
         yield from expect_borne_out(contact)
@@ -271,7 +266,7 @@ def _is_still_there(contact: Contact) -> Steps[bool]:
 
 
 def _find_tools(contact: Contact, made: StationMadeSafe) -> Steps[dict[int, int | None]]:
-    """The tools by port, all ports that there are; None is a tool that could not be asked, and counts as one."""
+    """Find the tools of all ports; None is a tool that could not be read, and counts as one."""
     tools: dict[int, int | None] = {}
     for port in contact.family.ports or PORTS:
         try:
@@ -302,9 +297,9 @@ def _tell(contact: Contact, task: Task, tool: Tool, made: MadeSafe, code: int | 
 
 
 def _stays_hot(cooling: Cooling, code: int | None) -> str | None:
-    """Why a tool that stands never cools: a delay of its own that is off, or that cannot be read. None where it does.
+    """Describe why a standing tool never cools: a delay that is off, or cannot be read. None where it cools.
 
-    One that was left in its extractor state was seen to cool.
+    A tool left in its extractor state was seen to cool.
     """
     if cooling.follows and code is not None and code not in TOOLS_WITH_A_PLACE:
         return (

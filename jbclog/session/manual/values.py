@@ -1,4 +1,4 @@
-"""Values by hand: a person's text to what a command carries, and back."""
+"""Values typed by a person: text to value, and back."""
 
 from __future__ import annotations
 
@@ -21,14 +21,12 @@ from jbclog.protocol.commands.omega import (
 )
 from jbclog.protocol.commands.ranges import NO_COUNTDOWN, allowed, range_problem
 
-# -- conditions ---------------------------------------------------------------------------------------------------------------
-# One of OMEGA's solder conditions as text: what `read` shows of one, `write` takes, with other numbers in it.
-
+# An OMEGA solder condition as text: `read` shows it, `write` takes it with changed numbers.
 _PART = re.compile(r"\s*([a-z0-9_]+)[\s=]+(\d+(?:\.\d+)?)\s*", re.ASCII)
 
 
 def condition_in(text: str, command: Command) -> StoredRecord:
-    """``condition 101: mode 0, rise_s 3.5, ...`` with every field. Raises `UsageError` naming what is missing or foreign."""
+    """Parse ``condition 101: mode 0, rise_s 3.5, ...`` with every field. Raises `UsageError` naming missing and unknown fields."""
     given = dict(_part(part, command) for part in re.split(r"[:,;]", text.strip()) if part.strip())
     kind = _kind(given)
     names = [one.name for one in fields(kind)]
@@ -57,7 +55,7 @@ def _kind(given: dict[str, float]) -> type[Cleaning] | type[SetTemperature] | ty
 def _checked(
     kind: type[Cleaning] | type[SetTemperature] | type[ConditionRecord], given: dict[str, float], command: Command
 ) -> StoredRecord:
-    """The condition, as the controller will tell it back."""
+    """Return the condition as the controller will return it."""
     whole = {one.name for one in fields(kind) if one.type == "int"}
     broken = [name for name in whole if not given.get(name, 0.0).is_integer()]
     if broken:
@@ -72,16 +70,14 @@ def _checked(
     return found
 
 
-# -- values -------------------------------------------------------------------------------------------------------------------
-
 _NUMBER = re.compile(r"[+-]?(\d+)(\.\d+)?", re.ASCII)
-NOT_COUNTED = ("count", "")  # units that say nothing beside a number
+NOT_COUNTED = ("count", "")  # units that are not shown
 SUCTION = "suction"
-MOST_SHOWN = 40  # characters of a text that was no value
+MOST_SHOWN = 40  # characters of an invalid text in messages
 
 
 def words_for(command: Command, family: Family) -> dict[str, Value]:
-    """The words that a person can write in place of a number: a mode's names, the states of a tool, off."""
+    """Return the words allowed in place of a number: a mode's names, the states of a tool, off."""
     quantity = command.quantity
     if isinstance(quantity, Choice):
         return {name: name for name in quantity.names}
@@ -93,7 +89,7 @@ def words_for(command: Command, family: Family) -> dict[str, Value]:
 
 
 def _words_with_suction(family: Family, names: Iterable[str]) -> dict[str, Value]:
-    """``on+suction`` and ``on-suction``, where the status orders suction, too; the bare word leaves it as it is."""
+    """Return ``on+suction`` and ``on-suction``, where the status orders suction too; the bare word leaves it as it is."""
     status = family.status
     signs = {"+": True, "-": False} if status.has_suction else {}
     words = {f"{name}{sign}{SUCTION}": (name, on) for name in names for sign, on in signs.items()}
@@ -101,12 +97,12 @@ def _words_with_suction(family: Family, names: Iterable[str]) -> dict[str, Value
 
 
 def names_suction(text: str | None) -> bool:
-    """Whether a word for a status says what becomes of suction."""
+    """Whether a word for a status includes suction."""
     return text is not None and text.strip().lower().endswith(SUCTION)
 
 
 def value_in(text: str, command: Command, family: Family) -> Value:
-    """The value in `text`, as the station will give it back. Raises `UsageError` that says what is allowed."""
+    """Parse the value as the station will return it. Raises `UsageError` that says what is allowed."""
     if isinstance(command.quantity, StoredCondition):
         return condition_in(text, command)
     words = words_for(command, family)
@@ -120,7 +116,7 @@ def value_in(text: str, command: Command, family: Family) -> Value:
 
 
 def _number(text: str, command: Command, words: Mapping[str, Value]) -> Value:
-    """A number, whole where it is whole. Where the command takes words alone, no number is one."""
+    """Parse a number. A command that only takes words has none."""
     found = _NUMBER.fullmatch(text.strip())
     if found is None or isinstance(command.quantity, Choice | DigitWord):
         raise UsageError(_no_value(text, command, words))
@@ -139,7 +135,7 @@ def _no_value(text: str, command: Command, words: Mapping[str, Value]) -> str:
 
 
 def shown(value: Value, command: Command, family: Family) -> str:
-    """The value in words, with its unit: ``348 °C``, ``stand``, ``4: no tool``, ``off``."""
+    """Format the value with its unit or meaning: ``348 °C``, ``stand``, ``4: no tool``, ``off``."""
     if isinstance(value, tuple):
         return _word(value, command, family)
     if isinstance(value, int) and (meaning := _meaning(value, command, family)) is not None:
@@ -156,7 +152,7 @@ def shown(value: Value, command: Command, family: Family) -> str:
 def _word(word: tuple[int, ...], command: Command, family: Family) -> str:
     if command is family.command_of("status"):
         has_word = family.status.has_suction
-        other = f" ({text_of(word)})" if any(word[: 2 if has_word else 3]) else ""  # the rest has no words of its own here
+        other = f" ({text_of(word)})" if any(word[: 2 if has_word else 3]) else ""  # digits without words
         return family.status.shown(word) + other
     if command is family.command_of("alarm_high"):
         return " and ".join(name for name, digit in (("high", word[4]), ("low", word[3])) if digit) or "none"
@@ -164,7 +160,7 @@ def _word(word: tuple[int, ...], command: Command, family: Family) -> str:
 
 
 def _meaning(value: int, command: Command, family: Family) -> str | None:
-    """What a number stands for where the family has a table for it."""
+    """Return the meaning of a number that the family has a table for."""
     if command is family.command_of("tool"):
         return family.tool_name(value)
     if command is family.command_of("port_error"):

@@ -1,13 +1,14 @@
-"""Writing by hand: the value before, one sending, a reading back.
+"""Writes a value by command: the value before, one write, a read-back.
 
-What is raised here was raised before anything was sent; what came of the sending is in the `Written`. Nothing is sent twice,
-nothing is put back, and nobody watches what was put to work: that is said to whoever did it.
+Errors are raised only before anything was sent; later ones stand in `Written`. Nothing is sent twice, nothing is restored, and
+nobody watches a tool put to work, which the person is warned of.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 from types import MappingProxyType
 from typing import Final
 
@@ -26,27 +27,34 @@ from jbclog.session.manual.names import find, is_order, writable
 from jbclog.session.manual.read import found_after_all
 from jbclog.session.manual.values import names_suction, shown, value_in
 
-CONFIRMED, UNCHANGED, SENT = "confirmed", "unchanged", "sent"
-MISMATCH, REFUSED, UNCONFIRMED = "mismatch", "refused", "unconfirmed"
-FINE: Final = (CONFIRMED, UNCHANGED, SENT)
 
+class WriteOutcome(StrEnum):
+    CONFIRMED = "confirmed"
+    UNCHANGED = "unchanged"  # it was so already, and nothing was sent
+    SENT = "sent"  # acknowledged, with nothing to read back
+    MISMATCH = "mismatch"
+    REFUSED = "refused"
+    UNCONFIRMED = "unconfirmed"
+
+
+FINE: Final = (WriteOutcome.CONFIRMED, WriteOutcome.UNCHANGED, WriteOutcome.SENT)
 FEEDING, RUNNING, STOPPED = "feeding", "running", "stopped"
 SHOWN_BY: Final[Mapping[str, str]] = MappingProxyType({"start_feeding": RUNNING, "stop_feeding": STOPPED})
-"""Orders that carry no value, and what `FEEDING` then tells."""
+"""Orders without a value, and the state of `FEEDING` that shows them."""
 
 Mirror = tuple[Command, Place]
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """What a person wants written, as typed. `text` is None for an order that carries no value."""
+    """What a person wants written, as typed. `text` is None for an order without a value."""
 
     name: str
     text: str | None
     place: Place
 
     def meant(self, family: Family) -> tuple[Command, Value]:
-        """The command and its value. Raises `UsageError`."""
+        """Return the command and its value. Raises `UsageError`."""
         command = find(self.name, family, writable)
         if is_order(command):
             if self.text is not None:
@@ -59,13 +67,12 @@ class Change:
 
 @dataclass(slots=True)
 class Written:
-    """One write, as far as it has come. `is_sent` from the moment on at which the station may have heard of it, `is_answered`
-    when it was acknowledged or waited for in vain: what is refused after that is the reading back.
+    """One write in progress. `is_sent` once the station may have received it, `is_answered` once it was acknowledged or timed out:
+    a later refusal is one of the read-back.
 
-    `outcome` is ``confirmed``, ``unchanged`` (it was so already, and nothing was sent), ``sent`` (acknowledged, and there is
-    nothing to read back), ``mismatch``, ``refused`` or ``unconfirmed``; `problem` says why. `at_work` is whether the tool is,
-    or may be, at work now; None where that does not follow from the write. `is_empty`: there is none in
-    the port, and one that is put in is at work. `seconds` is how long a restart took.
+    `outcome` is a `WriteOutcome`, empty before it is sent; `problem` is its reason. `at_work` is whether the tool is, or may be, at
+    work now; None where the write does not affect it. `is_empty`: the port has no tool, and one that is connected starts
+    to work. `seconds` is the duration of a restart.
     """
 
     contact: Contact | None = None
@@ -88,7 +95,7 @@ class Written:
 
 
 def write_value(target: Target, change: Change, keep: Keep, written: Written) -> Steps[None]:
-    """Write once what `change` asks for; `written` tells what came of it, also where this is broken off.
+    """Write `change` once; `written` has the result so far, also after an exception.
 
     Raises `StartRefused`, `RecordError` (from `keep`) and `LinkError` before anything was sent.
     """
@@ -102,15 +109,12 @@ def write_value(target: Target, change: Change, keep: Keep, written: Written) ->
     if _is_status(contact, command) and isinstance(value, tuple) and not names_suction(change.text):
         value = written.value = _with_suction_as_it_is(contact, value, written.before)
     if written.before == value and not _is_status(contact, command):
-        written.outcome, written.readback = UNCHANGED, written.before
+        written.outcome, written.readback = WriteOutcome.UNCHANGED, written.before
         return
     if command.dangerous:
         yield from _prepare(contact, command, value, keep)
     yield from _write(contact, command, value, written)
     yield from _look_at_work(contact, command, written)
-
-
-# -- before it is sent ----------------------------------------------------------------------------------------------------------
 
 
 def expect_one_port(command: Command, place: Place, ports: tuple[int, ...] | None) -> None:
@@ -131,7 +135,7 @@ def _place(contact: Contact, command: Command, asked: Place) -> Steps[Place]:
 
 
 def _expect_within(contact: Contact, command: Command, value: Value) -> Steps[None]:
-    """What only the station knows: how low and how high it lets itself be set."""
+    """Check the station's own limits."""
     if command.within is None or not isinstance(value, int | float):
         return
     names = ("below", "minimum"), ("above", "maximum")
@@ -162,14 +166,14 @@ def _prepare(contact: Contact, command: Command, value: Value, keep: Keep) -> St
 
 
 def _number_in(command: Command, value: Value) -> int | None:
-    """The number of the solder condition that is written or run."""
+    """Return the number of the solder condition to write or run."""
     if isinstance(value, StoredRecord):
         return value.condition
     return value if isinstance(command.quantity, ConditionNumber) and isinstance(value, int) else None
 
 
 def _mirror(contact: Contact, command: Command, value: Value, place: Place) -> Mirror | None:
-    """By what a write is read back, and where; None where nothing shows it. What OMEGA is told with D it tells with C."""
+    """Return what reads a write back, and where; None where nothing does. OMEGA's D is read back by C."""
     if command.readable:
         return command, place
     if isinstance(value, StoredRecord):
@@ -178,7 +182,7 @@ def _mirror(contact: Contact, command: Command, value: Value, place: Place) -> M
 
 
 def _read_before(contact: Contact, command: Command, value: Value, written: Written) -> Steps[None]:
-    """A tool's state is ordered even where it cannot be read: it may be what stops it."""
+    """Read the value before. A tool's state is ordered even if it cannot be read: the order may stop the tool."""
     mirror = _mirror(contact, command, value, written.place)
     if mirror is None:
         return
@@ -192,7 +196,7 @@ def _read_before(contact: Contact, command: Command, value: Value, written: Writ
 
 
 def _with_suction_as_it_is(contact: Contact, word: StatusWord, before: Value | None) -> StatusWord:
-    """What is held by suction must not fall by an order that is about heat; what is not known counts as off."""
+    """Keep suction as it is, so that an order about heat does not drop the part; not known counts as off."""
     status = contact.family.status
     return status.with_suction(word, on=isinstance(before, tuple) and status.sucks(before))
 
@@ -201,22 +205,19 @@ def _is_status(contact: Contact, command: Command) -> bool:
     return command is contact.family.command_of("status")
 
 
-# -- sending, and what came of it -----------------------------------------------------------------------------------------------
-
-
 def _write(contact: Contact, command: Command, value: Value, written: Written) -> Steps[None]:
-    written.is_sent, written.outcome = True, UNCONFIRMED
+    written.is_sent, written.outcome = True, WriteOutcome.UNCONFIRMED
     try:
         yield from _send(contact, command, value, written)
     except (StationError, LinkError) as error:
         if isinstance(error, Refusal) and not written.is_answered:
-            written.outcome, written.problem = REFUSED, sentence(error) + _without_a_way(command, error)
+            written.outcome, written.problem = WriteOutcome.REFUSED, sentence(error) + _without_a_way(command, error)
         else:
-            written.outcome, written.problem = UNCONFIRMED, str(error)
+            written.outcome, written.problem = WriteOutcome.UNCONFIRMED, str(error)
 
 
 def _without_a_way(command: Command, error: Refusal) -> str:
-    """Why an order that was refused for its form is not tried in another (docs/reference/contradictions.md, B-37)."""
+    """Explain why an order refused for its form is not tried in another (docs/reference/contradictions.md, B-37)."""
     if error.code != BADLY_FORMED or not (is_order(command) and command.sent_once):
         return ""
     return (
@@ -229,13 +230,13 @@ def _send(contact: Contact, command: Command, value: Value, written: Written) ->
     client = contact.client
     if command.name == "restart":
         written.seconds = yield from timing.restart(client, command)
-        written.outcome = SENT
+        written.outcome = WriteOutcome.SENT
     elif command.name == "address" and isinstance(client, Station) and isinstance(value, int):
         yield from timing.change_address(client, command, value or None)
-        written.outcome = CONFIRMED
+        written.outcome = WriteOutcome.CONFIRMED
     elif command.name == "factory_reset":
         yield from client.write(command, value)
-        written.outcome, written.is_answered = SENT, True
+        written.outcome, written.is_answered = WriteOutcome.SENT, True
         yield from _look_who_is_there(contact, written)
     elif command.name in SHOWN_BY:
         yield from _send_and_look(contact, command, written)
@@ -243,11 +244,11 @@ def _send(contact: Contact, command: Command, value: Value, written: Written) ->
         yield from _send_and_read(contact, command, value, mirror, written)
     else:
         yield from client.write(command, value)
-        written.outcome = SENT
+        written.outcome = WriteOutcome.SENT
 
 
 def _look_who_is_there(contact: Contact, written: Written) -> Steps[None]:
-    """Address, line format and Robot mode are settings too, as far as anybody knows."""
+    """Check whether the station still answers: a reset may also change address, line format and Robot mode."""
     try:
         yield from contact.client.read(timing.MODEL)
     except StationError as error:
@@ -255,7 +256,7 @@ def _look_who_is_there(contact: Contact, written: Written) -> Steps[None]:
 
 
 def _lost(contact: Contact, command: Command, value: Value, written: Written) -> Steps[StationError | None]:
-    """Write once; give what came in place of an acknowledgement, if something did. Raises `Refusal`."""
+    """Write once; return the error instead of an acknowledgement. Raises `Refusal`."""
     lost = None
     try:
         yield from contact.client.write(command, value, written.place.port, written.place.tool)
@@ -268,11 +269,11 @@ def _lost(contact: Contact, command: Command, value: Value, written: Written) ->
 
 
 def _send_and_read(contact: Contact, command: Command, value: Value, mirror: Mirror, written: Written) -> Steps[None]:
-    """A lost acknowledgement is settled by the reading."""
+    """Write and read back; the read-back decides even after a lost acknowledgement."""
     yield from _lost(contact, command, value, written)
     found = written.readback = yield from contact.read_confirmed(*mirror, known=value)
-    written.outcome = CONFIRMED if _is_same(contact, command, found, value) else MISMATCH
-    if written.outcome == MISMATCH:
+    written.outcome = WriteOutcome.CONFIRMED if _is_same(contact, command, found, value) else WriteOutcome.MISMATCH
+    if written.outcome == WriteOutcome.MISMATCH:
         written.problem = f"{shown(found, command, contact.family)} was read back"
 
 
@@ -284,25 +285,25 @@ def _is_same(contact: Contact, command: Command, found: Value, asked: Value) -> 
 
 
 def _send_and_look(contact: Contact, command: Command, written: Written) -> Steps[None]:
-    """Feeding may be over before it can be seen: only the order to stop it is held against what is seen."""
-    written.at_work = True  # as far as anybody knows
+    """Write an order and check the feeder. Feeding may end before it is seen: only a stop must show."""
+    written.at_work = True  # until known otherwise
     lost = yield from _lost(contact, command, 0, written)
     expected = SHOWN_BY[command.name]
     found = written.readback = yield from contact.read_confirmed(contact.family.commands[FEEDING], NOWHERE, known=expected)
     written.at_work = found != STOPPED
     if found == expected:
-        written.outcome = CONFIRMED
+        written.outcome = WriteOutcome.CONFIRMED
     elif lost is not None:
         raise lost
     elif command.effect is Effect.STOPS:
-        written.outcome, written.problem = MISMATCH, f"{FEEDING} is {found}"
+        written.outcome, written.problem = WriteOutcome.MISMATCH, f"{FEEDING} is {found}"
     else:
-        written.outcome = SENT
+        written.outcome = WriteOutcome.SENT
 
 
 def _look_at_work(contact: Contact, command: Command, written: Written) -> Steps[None]:
-    """Whether a tool is at work after an order to it, or after another temperature was selected for it."""
-    is_refused = written.outcome == REFUSED
+    """Determine whether a tool is at work after an order to it, or after another temperature was selected for it."""
+    is_refused = written.outcome == WriteOutcome.REFUSED
     if _is_status(contact, command):
         word = written.before if is_refused else written.readback
     elif command is contact.family.command_of("set_c") and not is_refused:
@@ -311,12 +312,12 @@ def _look_at_work(contact: Contact, command: Command, written: Written) -> Steps
             return
     else:
         return
-    written.at_work = contact.family.status.is_working(word) if isinstance(word, tuple) else True  # as far as anybody knows
+    written.at_work = contact.family.status.is_working(word) if isinstance(word, tuple) else True  # not known counts as at work
     written.is_empty = written.at_work and (yield from _is_empty(contact, written.place.port))
 
 
 def _is_empty(contact: Contact, port: int | None) -> Steps[bool]:
-    """Whether the station says that there is no tool in `port`."""
+    """Whether the station reports no tool in `port`."""
     if port is None or contact.family.command_of("tool") is None:
         return False
     try:
@@ -326,7 +327,7 @@ def _is_empty(contact: Contact, port: int | None) -> Steps[bool]:
 
 
 def _status_now(contact: Contact, port: int | None) -> Steps[Value | None]:
-    """The state of the tool in `port`; None where it is not told, or there is none."""
+    """Return the state of the tool in `port`; None where not known."""
     status = contact.family.command_of("status")
     try:
         return None if status is None else (yield from contact.read(status, Place(port)))
@@ -335,7 +336,7 @@ def _status_now(contact: Contact, port: int | None) -> Steps[Value | None]:
 
 
 def is_order_to_rest(contact: Contact, written: Written) -> bool:
-    """Whether this was to put a tool in its safe state, or to stop a motor: what must not fail unsaid."""
+    """Whether it is an order to a safe state, or to stop a motor, whose failure must be reported."""
     command = written.command
     if command is None:
         return False

@@ -1,12 +1,11 @@
-"""Alarm flags: latched in the station, cleared by reading, one bit each without any proof.
+"""Alarm flags: latched in the station, cleared by reading, one bit each without redundancy.
 
-The flags are asked once and never again for the same answer (manual 000, 4.8.27; docs/reference/faults.md, F-39). A flag that is
-set
-counts as an alarm only when a temperature beyond the limit, read since the flags were last read, bears it out; until
-then it is `alarm.unconfirmed`. An answer that was lost makes the flag unknown, not off. Flags count while the tool is
-working and from its first entry into set ±10 °C on; those of the first reading were raised before the run.
+The flags are read once and never again for the same answer (manual 000, 4.8.27; docs/reference/faults.md, F-39). A set flag is an
+alarm only if a temperature beyond the limit, read since the last reading of the flags, confirms it; until then it is
+`alarm.unconfirmed`. A lost answer makes the flag unknown, not off. Flags count while the tool is working, after first entering
+setpoint ±10 °C; those of the first reading were raised before the run.
 
-A flag that is set again and again is told once, and once more where more is known of it.
+A flag that stays set, or is set again, is reported once, and again when more is known about it.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from jbclog.session.run.watch import counts
 
 @dataclass(frozen=True, slots=True)
 class _Side:
-    """One of the two flags: its names, its digit, and how a temperature bears it out."""
+    """One of the two flags: its names, its digit, and how a temperature confirms it."""
 
     word: str
     digit: int
@@ -38,7 +37,7 @@ SIDES = (
 
 
 def bears_out(context: SessionContext, port: PortState, value: int) -> bool:
-    """Whether `value` is the first beyond a limit while alarms count: a flag that is set becomes an alarm by it."""
+    """Whether `value` is the first beyond a limit while alarms count, so that it makes a set flag an alarm."""
     return counts(context, port) and any(
         _is_beyond(side, port, value) and not _is_beyond(side, port, port.temperature_c) for side in SIDES
     )
@@ -50,7 +49,7 @@ def _is_beyond(side: _Side, port: PortState, value: int | None) -> bool:
 
 
 class Known(IntEnum):
-    """What is known of a flag that is set; each says more than the one before."""
+    """What is known about a set flag; each member says more than the one before."""
 
     BEFORE_RUN = 0
     NOT_COUNTING = 1
@@ -65,10 +64,10 @@ class AlarmWatch:
         self._context = context
         self._port = port
         self._last_read: float | None = None
-        self._told: dict[str, Known] = {}  # of the flags that are set
+        self._told: dict[str, Known] = {}  # set flags, as reported
 
     def read(self, word: tuple[int, ...], now: float) -> None:
-        """The flags were read as `word` at `now`."""
+        """Process the flags read as `word` at `now`."""
         for side in SIDES:
             told = self._told.get(side.word)
             if word[side.digit] == 1:
@@ -82,7 +81,7 @@ class AlarmWatch:
         self._start_period(now)
 
     def lost(self, now: float, why: str) -> None:
-        """The answer was lost at `now`: what the station said, it has forgotten."""
+        """Handle a lost answer: the station has cleared the flags that it sent."""
         self._told.clear()
         text = (
             f"Port {self._port.number}: the answer to the alarm flags was lost ({why}); whether an alarm was raised is not known."
@@ -96,7 +95,7 @@ class AlarmWatch:
         self._port.has_counted = counts(self._context, self._port)
 
     def _known_of(self, side: _Side) -> Known:
-        """What the temperatures since the last reading say of a flag that is set; only those that count were kept."""
+        """Classify a set flag by the temperatures since the last reading; only those that count were kept."""
         if self._last_read is None:
             return Known.BEFORE_RUN
         seen, limit = side.extreme(self._port), self._port.celsius(side.limit)
@@ -138,5 +137,5 @@ class AlarmWatch:
             value=value,
             limit=limit,
             raw=side.word,
-            at_once=True,  # the station has cleared the flag by telling it
+            at_once=True,  # the station has cleared the flag
         )

@@ -1,8 +1,7 @@
-"""Chapter 2: the recipe, setting by setting: read, checked, written where it differs, read back.
+"""Apply the recipe: read and check every setting, write those that differ, read them back.
 
-Every setting of the station is read first; nothing is written before all of that has been checked. The outcome of each
-is a row of `settings`. The first that is not confirmed stops this station's run (docs/reference/tables.md). When what is written:
-`station_run.py`.
+Nothing is written before every setting has been read and checked. Each outcome is a row of `settings`; the first setting that
+is not confirmed stops this station's run (docs/reference/tables.md). `station_run.py` has the order of the steps.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from jbclog.config.recipe_settings import Setting, foreign_keys, live_problems, 
 from jbclog.core.errors import NotSupported, StartRefused, StationError
 from jbclog.core.io_requests import Steps
 from jbclog.core.quantities import OFF, text_of
-from jbclog.core.rows import SettingRow, Severity
+from jbclog.core.rows import SettingOutcome, SettingRow, Severity
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.omega import StoredRecord
 from jbclog.session.run.context import PortState, SessionContext
@@ -22,15 +21,15 @@ from jbclog.session.run.setting import keep_row, read_setting, title_of, touch, 
 from jbclog.session.run.watch import compare_countdowns
 
 COOLING_DELAYS = ("sleep_delay", "hibernation_delay")
-UNTOLD = "not told by the station"  # and what the recipe asks for it cannot be proven
+UNTOLD = "not told by the station"  # so the recipe's value cannot be confirmed
 
 
 Wanted = tuple[Setting, PortState | None]
-"""A setting and its port; None for one of the whole station."""
+"""A setting and its port; None for a setting of the whole station."""
 
 
 def examine(context: SessionContext) -> Steps[list[Wanted]]:
-    """Read and check everything; give what is to be set, in order. Raises `StartRefused` with all that does not fit."""
+    """Read and check everything; return what to write, in order. Raises `StartRefused` with every problem."""
     yield from read_all(context)
     wanted = _wanted(context)
     _check(context, wanted)
@@ -40,14 +39,14 @@ def examine(context: SessionContext) -> Steps[list[Wanted]]:
 
 
 def apply(context: SessionContext, wanted: list[Wanted], *, heats: bool) -> Steps[None]:
-    """Bring what can heat a tool, or what cannot, to the recipe. Raises `StartRefused` naming the setting that failed."""
+    """Write the settings that can heat a tool, or those that cannot. Raises `StartRefused` naming the setting that failed."""
     for setting, port in wanted:
         if (setting.command.name in CAN_HEAT) == heats:
             yield from _apply(context, setting, port)
 
 
 def apply_status(context: SessionContext) -> Steps[None]:
-    """Put the tools to work, or to rest, where the recipe says so. Raises `StartRefused`."""
+    """Put the tools to work, or to rest, as the recipe says. Raises `StartRefused`."""
     at_work = [port for port in context.ports.values() if _works(context, port)]
     if context.recipe.run.status is not None or _orders_suction(context):
         yield from _apply_status(context)
@@ -63,18 +62,15 @@ def _works(context: SessionContext, port: PortState) -> bool:
 
 
 def note_status(port: PortState) -> None:
-    """Take the status that was read as the last one known; what is found later is held against it."""
+    """Take the status that was read as the last known one, for later comparison."""
     word = port.held.get("status")
     port.status = word if isinstance(word, tuple) else None
     if port.status is not None:
         port.has_suction = port.status[2] == 1
 
 
-# -- what there is and what is wanted -----------------------------------------------------------------------------------
-
-
 def readable_settings(context: SessionContext, scope: Scope) -> Iterator[Command]:
-    """The settings of one scope that a run reads: all that can be read back. `status` has its own way."""
+    """Yield the readable settings of one scope, except `status`, which is handled separately."""
     for command in context.family.commands.values():
         if command.access == "rw" and command.scope is scope and command.name != "status":
             yield command
@@ -92,7 +88,7 @@ def read_all(context: SessionContext) -> Steps[None]:
 
 
 def read_port(context: SessionContext, port: PortState) -> Steps[None]:
-    """Read every setting of one port, and of the tool in it if there is one."""
+    """Read every setting of one port, and of the tool in it."""
     for command in readable_settings(context, Scope.PORT):
         yield from _read_held(context, command, port)
     if "status" in context.family.commands:
@@ -102,7 +98,7 @@ def read_port(context: SessionContext, port: PortState) -> Steps[None]:
 
 
 def read_tool(context: SessionContext, port: PortState) -> Steps[None]:
-    """Read the settings that belong to the tool in `port`. One whose number no command can carry keeps them to itself."""
+    """Read the settings of the tool in `port`; a tool whose number fits no command has none."""
     if not port.can_be_spoken_to:
         text = f"Tool {port.tool} in port {port.number}: no command has a place for this number, so its settings are not known."
         context.note("tool.unknown", Severity.WARNING, text, port=port.number, code=port.tool)
@@ -123,7 +119,7 @@ def _read_held(context: SessionContext, command: Command, port: PortState | None
 
 
 def _wanted(context: SessionContext) -> list[Wanted]:
-    """What the recipe asks for here, in the order in which it is written; tool settings only where a tool is."""
+    """List the recipe's settings for this station in the order of writing; tool settings only where there is a tool."""
     wanted: list[Wanted] = [(one, None) for one in station_settings_for(context.recipe, context.family)]
     for port in context.ports.values():
         for setting in settings_for(context.recipe, context.family, port.number):
@@ -133,17 +129,14 @@ def _wanted(context: SessionContext) -> list[Wanted]:
 
 
 def _as_counted(context: SessionContext, setting: Setting) -> Setting:
-    """The setting with the number that goes on the wire, once it has been checked that there is one."""
+    """Convert a checked setting to the number that is sent."""
     counted = setting.as_counted(context.held)
     assert counted is not None
     return counted
 
 
-# -- checks before the first write ----------------------------------------------------------------------------------------
-
-
 def _check(context: SessionContext, wanted: list[Wanted]) -> None:
-    """What only the station knows: its limits, and whether a tool told to stand will ever cool."""
+    """Check what only the station knows: its limits, and whether a standing tool ever cools."""
     problems = []
     for port in context.ports.values():
         problems += live_problems(context.recipe, context.family, port.number, context.held)
@@ -153,7 +146,7 @@ def _check(context: SessionContext, wanted: list[Wanted]) -> None:
 
 
 def _cooling_problems(context: SessionContext, port: PortState, wanted: list[Wanted]) -> list[str]:
-    """Delays that are off or not told, so that a tool in stand stays hot or may (docs/reference/safe-states.md)."""
+    """List delays that are off or not known, so that a standing tool may stay hot (docs/reference/safe-states.md)."""
     if not context.family.may_stand_at_last(context.safe_state) or not port.has_tool:
         return []
     asked = {one.command.name: one.value for one, place in wanted if place is port}
@@ -172,36 +165,35 @@ def _cooling_problems(context: SessionContext, port: PortState, wanted: list[Wan
     return []
 
 
-# -- one setting ------------------------------------------------------------------------------------------------------------
-
-
 def _record_untouched(context: SessionContext, wanted: list[Wanted]) -> None:
-    """A row for everything that was read and is left alone, and for what the recipe has for other families."""
+    """Record everything that was read and not written, and the recipe's settings for other families."""
     asked = {(one.command.name, port.number if port else None) for one, port in wanted}
     places: list[PortState | None] = [None, *context.ports.values()]
     for port in places:
         for name, value in (port.held if port else context.held).items():
             if (name, port.number if port else None) not in asked:
-                keep_row(context, context.command(name), port, "read", readback=text_of(value))
+                keep_row(context, context.command(name), port, SettingOutcome.READ, readback=text_of(value))
     for key in foreign_keys(context.recipe, context.family, tuple(context.ports)):
         time = context.utc.micros(context.now)
-        context.journal.setting(SettingRow(time, context.name, None, None, key, "", None, None, None, None, "unsupported"))
+        context.journal.setting(
+            SettingRow(time, context.name, None, None, key, "", None, None, None, None, SettingOutcome.UNSUPPORTED)
+        )
 
 
 def _apply(context: SessionContext, setting: Setting, port: PortState | None) -> Steps[None]:
     command, value = setting.command, setting.value
     held = context.held if port is None else port.held
     requested = text_of(value)
-    if command.name not in held:  # it could not be read: `read_all` has tried
-        keep_row(context, command, port, "unsupported", requested=requested)
+    if command.name not in held:  # `read_all` could not read it
+        keep_row(context, command, port, SettingOutcome.UNSUPPORTED, requested=requested)
     elif held[command.name] == value:
-        keep_row(context, command, port, "unchanged", requested=requested, readback=requested)
+        keep_row(context, command, port, SettingOutcome.UNCHANGED, requested=requested, readback=requested)
     else:
         yield from write_setting(context, command, value, port)
 
 
 def _look_at_suction(context: SessionContext, port: PortState) -> Steps[None]:
-    """Read the status once more: a key of the station's own may have switched suction since. What cannot be read is as it was."""
+    """Read the status again: somebody may have switched suction at the station. After an error it counts as unchanged."""
     try:
         port.held["status"] = yield from read_setting(context, context.command("status"), port, port.held["status"])
     except StationError:
@@ -214,7 +206,7 @@ def _orders_suction(context: SessionContext) -> bool:
 
 
 def _apply_status(context: SessionContext) -> Steps[None]:
-    """Put the tools to work (or to stand) once everything else holds; a port without a tool is left alone."""
+    """Put the tools to work (or to stand) after all other settings; an empty port is left alone."""
     command = context.command("status")
     for port in context.ports.values():
         if not port.has_tool:
@@ -223,11 +215,11 @@ def _apply_status(context: SessionContext) -> Steps[None]:
             yield from _look_at_suction(context, port)
         word = context.start_word(port)
         if word is None or "status" not in port.held:
-            touch(context, port)  # it may be at work already
+            touch(context, port)  # the tool may be at work already
             requested = text_of(word) if word is not None else f"suction {context.recipe.suction}"
-            keep_row(context, command, port, "unsupported", requested=requested)
+            keep_row(context, command, port, SettingOutcome.UNSUPPORTED, requested=requested)
         elif port.held["status"] == word:
             touch(context, port)
-            keep_row(context, command, port, "unchanged", requested=text_of(word), readback=text_of(word))
+            keep_row(context, command, port, SettingOutcome.UNCHANGED, requested=text_of(word), readback=text_of(word))
         else:
             yield from write_setting(context, command, word, port)

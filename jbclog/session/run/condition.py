@@ -1,8 +1,8 @@
-"""OMEGA's solder condition: read, compared field by field, written where that is allowed, read back.
+"""OMEGA's solder condition: read, compared field by field, written if allowed, read back.
 
-A recipe names one. Where the controller holds it already, nothing is written. Where it holds another, it is written only with
-leave (`--allow-omega-write`), once, because it decides what the machine does next; without leave the run is refused with what
-differs. The controller ignores what it does not take, and its ``d`` can be lost: only reading back says what it holds.
+A condition that the controller has already is not written. Another one is written only with `--allow-omega-write`, once, because it
+decides what the machine does next; otherwise the run is refused with the differences. The controller ignores what it refuses,
+and its ``d`` can be lost: only reading back decides.
 """
 
 from __future__ import annotations
@@ -10,23 +10,25 @@ from __future__ import annotations
 from jbclog.config.recipe_settings import condition_of
 from jbclog.core.errors import Ignored, LinkError, NotSupported, StartRefused, StationError
 from jbclog.core.io_requests import RunEnded, Steps
-from jbclog.core.rows import SettingRow, Severity
+from jbclog.core.rows import SettingOutcome, SettingRow, Severity
 from jbclog.protocol.commands.omega import ConditionRecord, SetTemperature, StoredRecord, difference, differing
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.watch import tell_change
 
+BAD = (SettingOutcome.MISMATCH, SettingOutcome.REFUSED)
+
 
 def look_at_condition(context: SessionContext) -> Steps[ConditionRecord | None]:
-    """Read and compare the recipe's condition; give what is to be written. Raises `StartRefused` where it must not be."""
+    """Read and compare the recipe's condition; return what to write. Raises `StartRefused` where it must not be written."""
     wanted = condition_of(context.recipe, context.family)
     if wanted is None:
         return None
     held = yield from _held(context, wanted)
     if held == wanted:
-        _rows(context, wanted, held, "unchanged")
+        _rows(context, wanted, held, SettingOutcome.UNCHANGED)
         return None
     if not context.order.allow_omega_write:
-        _rows(context, wanted, held, "mismatch")
+        _rows(context, wanted, held, SettingOutcome.MISMATCH)
         raise StartRefused(
             f"{context.name}: condition {wanted.condition} is not what the recipe asks: {difference(wanted, held)}. "
             "Nothing was written; run with --allow-omega-write to have it written"
@@ -35,7 +37,7 @@ def look_at_condition(context: SessionContext) -> Steps[ConditionRecord | None]:
 
 
 def bring_condition(context: SessionContext, wanted: ConditionRecord | None) -> Steps[None]:
-    """Write the condition that `look_at_condition` gave. Raises `StartRefused` where it does not hold then."""
+    """Write the condition that `look_at_condition` returned. Raises `StartRefused` where it is not confirmed."""
     if wanted is not None:
         held = context.held["condition"]
         assert isinstance(held, StoredRecord)
@@ -43,7 +45,7 @@ def bring_condition(context: SessionContext, wanted: ConditionRecord | None) -> 
 
 
 def check_condition(context: SessionContext) -> Steps[None]:
-    """Read the condition once more at the end; say where somebody changed it meanwhile."""
+    """Read the condition again at the end; report a change."""
     before = context.held.get("condition")
     if not isinstance(before, StoredRecord):
         return
@@ -66,11 +68,11 @@ def _read(context: SessionContext, number: int) -> Steps[StoredRecord]:
 
 
 def _held(context: SessionContext, wanted: ConditionRecord) -> Steps[StoredRecord]:
-    """What the controller holds under the recipe's number, before anything is written."""
+    """Return the controller's record under the recipe's number, before anything is written."""
     try:
         held = yield from _read(context, wanted.condition)
     except NotSupported as error:
-        _rows(context, wanted, None, "refused")
+        _rows(context, wanted, None, SettingOutcome.REFUSED)
         raise StartRefused(f"{context.name}: it does not know condition {wanted.condition}: {error}") from error
     except StationError as error:
         raise StartRefused(f"{context.name}: cannot read condition {wanted.condition}: {error}") from error
@@ -81,33 +83,33 @@ def _held(context: SessionContext, wanted: ConditionRecord) -> Steps[StoredRecor
 
 
 def _tell_unresolved(context: SessionContext, held: SetTemperature) -> None:
-    """A temperature whose scale nothing here decides (docs/reference/contradictions.md, B-51)."""
+    """Note a temperature whose scale is not known (docs/reference/contradictions.md, B-51)."""
     raw = held.set_temperature_raw
     place = f"condition {held.condition}: {raw} on the wire, {raw / 10:.1f} °C if it is in tenths and {raw} °C if it is not"
     context.station.anomalies.meet(51, place, context.station.data)
 
 
 def _write(context: SessionContext, wanted: ConditionRecord, held: StoredRecord) -> Steps[None]:
-    """Write once, read back, compare. What is broken off in between may or may not have been done."""
+    """Write once, read back, compare. After an exception the write may or may not have been executed."""
     try:
         ignored = yield from _write_once(context, wanted)
         found = yield from _read(context, wanted.condition)
     except (LinkError, RunEnded, StationError) as error:
-        _rows(context, wanted, None, "unconfirmed", written=True)
+        _rows(context, wanted, None, SettingOutcome.UNCONFIRMED, written=True)
         if not isinstance(error, StationError):
             raise
         raise StartRefused(f"{_asked(context, wanted)}, it could not be read back ({error}); before it was {held}") from error
     context.held["condition"] = found
     if found == wanted:
-        _rows(context, wanted, found, "confirmed", written=True)
+        _rows(context, wanted, found, SettingOutcome.CONFIRMED, written=True)
         return
-    _rows(context, wanted, found, "refused" if ignored else "mismatch", written=True)
+    _rows(context, wanted, found, SettingOutcome.REFUSED if ignored else SettingOutcome.MISMATCH, written=True)
     why = "the controller ignored it" if ignored else "it was acknowledged"
     raise StartRefused(f"{_asked(context, wanted)}, {why}, and read back it has {difference(wanted, found)}; before it was {held}")
 
 
 def _write_once(context: SessionContext, wanted: ConditionRecord) -> Steps[bool]:
-    """Whether it was ignored. A lost acknowledgement is settled by the reading."""
+    """Write; return whether it was ignored. The read-back decides even after a lost acknowledgement."""
     try:
         yield from context.station.write(context.command("store_condition"), wanted)
     except Ignored:
@@ -122,12 +124,12 @@ def _asked(context: SessionContext, wanted: ConditionRecord) -> str:
 
 
 def _rows(
-    context: SessionContext, wanted: ConditionRecord, found: StoredRecord | None, outcome: str, *, written: bool = False
+    context: SessionContext, wanted: ConditionRecord, found: StoredRecord | None, outcome: SettingOutcome, *, written: bool = False
 ) -> None:
-    """A row for each field; where the outcome is bad, fields that hold all the same are unchanged."""
-    told = {} if found is None else {name: text for name, _, text in found.values()}
+    """Record a row for each field; after a bad outcome, fields with the right value are unchanged."""
+    held = {} if found is None else {name: text for name, _, text in found.values()}
     for name, unit, text in wanted.values():
-        readback = told.get(name)
+        readback = held.get(name)
         row = SettingRow(
             time=context.utc.micros(context.now),
             station=context.name,
@@ -139,6 +141,6 @@ def _rows(
             written=text if written else None,
             readback=readback,
             nak=None,
-            outcome="unchanged" if readback == text and outcome in ("mismatch", "refused") else outcome,
+            outcome=SettingOutcome.UNCHANGED if readback == text and outcome in BAD else outcome,
         )
         context.journal.setting(row)

@@ -1,4 +1,4 @@
-"""What one session is told to do, and what it knows while it does it."""
+"""A session's task and its state."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from jbclog.protocol.commands.decisions import DECISIONS
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.status import StatusWord
 
-EXAMINED, PREPARED, HEATED = 1, 2, 3  # the steps of a start, by what is done at their end (`station_run.py`)
+EXAMINED, PREPARED, HEATED = 1, 2, 3  # the steps of a start, named after what is done at their ends (`station_run.py`)
 AS_AUTO = AUTO
 AS_FIT = "fit"
 AS_FAST_AS_POSSIBLE = "max"
@@ -29,13 +29,13 @@ AS_FAST_AS_POSSIBLE = "max"
 
 @dataclass(frozen=True, slots=True)
 class StationTask:
-    """What a run wants of one station. `family` is None for "auto"; `ports` None for those that answer. `model` is the name
-    that the line file accepts for the station, None where it names none.
+    """What a run wants from one station. `family` is None for "auto"; `ports` None for those that answer. `model` is the name that
+    the line file accepts for the station, None for none.
 
-    `rate` is in Hz, or ``auto`` (a usual one with a fifth of the wire in reserve), or ``fit`` (the recipe's, or the best that
-    fits), or ``max`` (ask without pause); None for what the recipe says. What the station is of
-    a recorded run (`is_replay`) was sampled at that rate once, and is so again whatever the host makes of it. `t0` is the
-    run's zero on the monotonic clock; `duration_s` is None for a run that goes on until it is ended.
+    `rate` is in Hz, or ``auto`` (a usual one with a fifth of the link's time in reserve), ``fit`` (the recipe's, or the best that
+    fits), or ``max`` (without pause); None for the recipe's. With `is_replay` the station is a recorded one, which is sampled at
+    its rate even if the host cannot keep it. `t0` is the run's zero on the monotonic clock; `duration_s` is None for a run
+    without a stated end.
     """
 
     name: str
@@ -52,36 +52,36 @@ class StationTask:
     rate: float | str | None = None
     rated_power_w: float | None = None
     allow_omega_write: bool = False
-    may_be_missing: bool = False  # the run may go on without this station, if it does not start
+    may_be_missing: bool = False  # the run may start without this station
     is_replay: bool = False
     model: str | None = None
-    begin: tuple[int, float] | None = None  # the first tick's number, and in how many seconds it is due once all is read
+    begin: tuple[int, float] | None = None  # number of the first tick, and seconds until it is due once everything is read
 
 
 @dataclass(slots=True)
 class PortState:
-    """What is known of one port while its run goes on. None: not known (yet, or any more)."""
+    """What is known about one port during a run. None: not known."""
 
     number: int
     tool: int | None = None
     error: int | None = None
     held: dict[str, Value] = field(default_factory=dict)  # command name -> value last read or confirmed
     status: tuple[int, ...] | None = None
-    has_suction: bool | None = None  # the hundreds digit of the status, as two answers last bore it out
-    temperatures_c: dict[str, int] = field(default_factory=dict)  # signal -> as last believed
-    hottest_c: int | None = None  # since the alarm flags were last read, while alarms counted
+    has_suction: bool | None = None  # the hundreds digit of the status, confirmed by two answers
+    temperatures_c: dict[str, int] = field(default_factory=dict)  # signal -> last accepted value
+    hottest_c: int | None = None  # since the last reading of the alarm flags, while alarms count
     coolest_c: int | None = None
-    has_counted: bool = False  # alarms have counted all the time since the flags were last read
-    at_temperature: bool = False  # has been within ±10 °C of its setting while working
-    found_above: tuple[float, int] | None = None  # before that: since when hotter than its setting, and how hot then
-    counted: dict[str, Value] = field(default_factory=dict)  # counter -> value that two answers bore out
+    has_counted: bool = False  # alarms have counted ever since the last reading of the flags
+    at_temperature: bool = False  # has been within ±10 °C of its setpoint while working
+    found_above: tuple[float, int] | None = None  # before that: since when hotter than its setpoint, and how hot then
+    counted: dict[str, Value] = field(default_factory=dict)  # counter -> value confirmed by two answers
     states: dict[str, tuple[Value, float]] = field(default_factory=dict)  # OMEGA's, as last read, and when
     touched: bool = False
-    tool_is_new: bool = False  # connected or changed, and its settings not read yet
+    tool_is_new: bool = False  # connected or changed, its settings not read yet
 
     @property
     def temperature_c(self) -> int | None:
-        """The tip's, or the air's, as last believed."""
+        """The last accepted temperature of tip or air."""
         return self.temperatures_c.get("temperature_c")
 
     @property
@@ -90,17 +90,17 @@ class PortState:
 
     @property
     def can_be_spoken_to(self) -> bool:
-        """Whether a command has a place for the number of the tool: its settings can be read and written."""
+        """Whether a command can address the tool, so that its settings can be read and written."""
         return self.tool in TOOLS_WITH_A_PLACE
 
     def celsius(self, name: str) -> float | None:
-        """A held temperature or limit as a number; None where it is off or unknown."""
+        """Return a held temperature or limit; None where it is off or not known."""
         value = self.held.get(name)
         return float(value) if isinstance(value, int | float) else None
 
 
 class SessionContext:
-    """Everything that the chapters of one session share: the order, the client, the ports, and the journal."""
+    """The state that all steps of one session share: task, client, ports and journal."""
 
     def __init__(self, order: StationTask, journal: Journal, utc: UtcOffset) -> None:
         self.order = order
@@ -111,23 +111,23 @@ class SessionContext:
         self.ports: dict[int, PortState] = {}
         self.held: dict[str, Value] = {}  # station-wide settings
         self.not_supported: set[str] = set()
-        self.step = EXAMINED  # of the start, that it is at
+        self.step = EXAMINED  # current step of the start
         self.has_started = False
-        self.written: list[str] = []  # settings that were changed at the start, with what they were before
-        self.tries = 1  # of what something is decided by: more while the run starts
+        self.written: list[str] = []  # settings changed at the start, with their previous values
+        self.tries = 1  # of decisive reads: more during the start
         self.feeder_touched = False
-        self.feeder_stopped = False  # at the end, and seen to stand
-        self.after_safe: Callable[[], Steps[None]] | None = None  # what is still read when sampling has ended
+        self.feeder_stopped = False  # at the end, as read back
+        self.after_safe: Callable[[], Steps[None]] | None = None  # last reads after sampling
         self.connected = False
-        self.is_proven = False  # the port has not broken since the station said who it is
-        self.doubted: Counter[str] = Counter()  # answers that were not believed at once, by command
-        self.link_is_faster: str | None = None  # than its line format says, in words, where it is
-        self.plugged_hours: dict[int, tuple[int, float]] = {}  # by port, with the moment at which they were read
-        self.said_at: dict[str, float] = {}  # when model and software last were those of this run's station
-        self.is_flooded = False  # its link is, and that was told
-        self.flood_pause_s = 0.0  # before a flooded link is opened again
-        self.flood_ended: float | None = None  # when the station was back after one
-        self.stranger: str | None = None  # who answers where this station was, in words
+        self.is_proven = False  # the link has not broken since the station was identified
+        self.doubted: Counter[str] = Counter()  # answers read again before being accepted, by command
+        self.link_is_faster: str | None = None  # than its stated line format, in words
+        self.plugged_hours: dict[int, tuple[int, float]] = {}  # by port, with the time of the reading
+        self.said_at: dict[str, float] = {}  # when model and software were last confirmed
+        self.is_flooded = False  # its link is, and that was reported
+        self.flood_pause_s = 0.0  # before a flooded link is reopened
+        self.flood_ended: float | None = None  # when the station was back after the last flood
+        self.stranger: str | None = None  # description of another station found in this one's place
         self._family = order.family
         self.facts = StationFacts(
             name=order.name,
@@ -147,7 +147,7 @@ class SessionContext:
 
     @property
     def family(self) -> Family:
-        """The family; before the model name has proven one of "auto" there is none to ask for."""
+        """The family; LookupError while "auto" is not resolved."""
         if self._family is None:
             raise LookupError(f"the family of {self.name} is not known yet")
         return self._family
@@ -163,23 +163,23 @@ class SessionContext:
 
     @property
     def set_name(self) -> str:
-        """The setting by which the temperature is selected; empty where the family has none."""
+        """The name of the temperature setting; empty where the family has none."""
         command = self.family.command_of("set_c")
         return "" if command is None else command.name
 
     def set_c(self, port: PortState) -> float | None:
-        """The temperature selected on `port`, as last read."""
+        """Return the setpoint of `port`, as last read."""
         return port.celsius(self.set_name)
 
     @property
     def safe_state(self) -> str:
-        """What touched tools are put in at the end; it belongs to the family."""
+        """The safe state of touched tools at the end, by the family."""
         return self.recipe.safe_state(self.family.name)
 
     def start_word(self, port: PortState) -> StatusWord | None:
-        """The status word that is ordered on `port` at the start; None where the recipe leaves it alone, or it is not known.
+        """Return the status word to order on `port` at the start; None where the recipe leaves it alone, or it is not known.
 
-        One word orders the tool's state and, on hot air, suction; what the recipe does not ask for stays as it was read.
+        One word orders the tool's state and, on hot air, suction; what the recipe does not set stays as it was read.
         """
         status, state, held = self.family.status, self.recipe.run.status, port.held.get("status")
         known = held if isinstance(held, tuple) else None
@@ -192,25 +192,25 @@ class SessionContext:
 
     @property
     def spares_resting(self) -> bool:
-        """Whether a safe order leaves a tool alone that rests: before the third step of the start this run has ordered no status
-        and no setpoint, and a tool that sleeps, or lies in its extractor, would be heated to be told to stand.
+        """Whether a safe order leaves a resting tool alone: before the third step of the start this run has ordered no status and
+        no setpoint, and an order to stand would heat a sleeping tool, or one in its extractor.
         """
         return self.step <= PREPARED
 
     def keeps_suction(self, port: PortState) -> bool:
-        """Whether a safe order keeps suction on at `port`. It never waits for a reading: what is not known counts as off."""
+        """Whether a safe order keeps suction on at `port`. Not known counts as off."""
         return self.family.status.has_suction and self.recipe.run.safe_suction == "keep" and port.has_suction is True
 
     @property
     def may_feed(self) -> bool:
-        """Whether a feeder may run that is this run's to stop: a robot's own switch can start it whenever its tool is at work."""
+        """Whether this run has to stop a feeder: a robot's own switch can start it whenever its tool is at work."""
         has_feeder = self.family_known and self.family.has_feeder
         touched = self.feeder_touched or any(port.touched for port in self.ports.values())
         return has_feeder and touched and not self.feeder_stopped
 
     @property
     def now(self) -> float:
-        """The last moment that the station or the driver told, monotonic seconds."""
+        """Time of the last result, monotonic seconds."""
         return self.station.now
 
     def command(self, name: str) -> Command:
@@ -219,10 +219,7 @@ class SessionContext:
     def read_confirmed(
         self, command: Command, port: int | None = None, tool: int | None = None, *, known: Value | None = None, grows: bool = False
     ) -> Steps[Value]:
-        """Read what something is decided by: two answers must say the same (`protocol/client/confirmed_reads.py`).
-
-        While the run starts, what was lost on the line is asked again (`protocol/client/confirmed_reads.py`).
-        """
+        """Read a decisive value until two answers are equal; during the start with more tries (`client/confirmed_reads.py`)."""
 
         def ask() -> Steps[Value]:
             return read_confirmed(self.station, command, port, tool, known=known, grows=grows, doubted=self.doubted)
@@ -243,14 +240,14 @@ class SessionContext:
         raw: str | None = None,
         at_once: bool = False,
     ) -> None:
-        """Put an event into the record. `since` is the earliest moment at which it can have happened."""
+        """Record an event. `since` is the earliest time at which it can have happened."""
         time = self.utc.micros(self.now)
         earliest = None if since is None else self.utc.micros(since)
         event = EventRow(time, kind, severity, text, self.name, port, earliest, code, value, limit, raw)
         self.journal.event(event, at_once=at_once)
 
     def tell_anomalies(self) -> None:
-        """Put into the record what the station was newly seen to do otherwise than recommended; each kind comes once."""
+        """Record anomalies of the station that are new; each kind once."""
         for one in self.station.anomalies.take():
             decision = DECISIONS[one.number]
             severity = Severity.WARNING if decision.doubtful and not decision.usual else Severity.INFO
@@ -258,7 +255,7 @@ class SessionContext:
             self.note("protocol.anomaly", severity, text, port=one.port, code=one.number, raw=one.raw)
 
     def publish(self) -> None:
-        """Hand the facts over as they are now."""
+        """Hand over the facts as they are now."""
         has_tools = self._family is None or self._family.tools
         self.facts.tools = {port.number: self.tool_text(port.tool) for port in self.ports.values() if has_tools}
         self.facts.signals = [] if self._family is None else [signal.name for signal in self._family.signals]

@@ -1,4 +1,4 @@
-"""Chapter 1 of a station's run: who answers here, whether it is still the same, and how a lost link is tried again."""
+"""Identifies the station, recognizes it after an outage, and reports a lost link."""
 
 from __future__ import annotations
 
@@ -25,24 +25,21 @@ from jbclog.protocol.client.timing import LEAST_ANSWERED, READS, response_time
 from jbclog.protocol.commands.family import ROBOT, model_not_accepted_text, other_model_text, unknown_model_text
 from jbclog.session.run.context import PortState, SessionContext
 
-# -- loss ---------------------------------------------------------------------------------------------------------------------
-# How a lost link is told, and after how long it is tried again. A flooded one counts as lost, too.
-#
-# A flood is told once until the station is back. Where one comes again and again, the link is tried more and more rarely: each try
-# costs a second of all that is sent.
+# A flooded link counts as lost. A flood is reported once until the station is back. If floods recur, the link is tried less and
+# less often, because each try costs a second of listening.
 
 FIRST_SEEK_S: Final = 0.25
-SEEK_GROWTH: Final = 1.3  # gentle, so that a short drop-out is not made much longer by the search
+SEEK_GROWTH: Final = 1.3  # gentle, so that the search hardly prolongs a short outage
 LONGEST_SEEK_S: Final = 5.0
 FIRST_AFTER_FLOOD_S: Final = 1.0
 FLOOD_GROWTH: Final = 2.0
 LONGEST_AFTER_FLOOD_S: Final = 15.0
-FORGOTTEN_S: Final = 60.0  # after so long without one, a flood is the first again
-HOT_C: Final = 60  # a tip that was last seen above this is called hot
+FORGOTTEN_S: Final = 60.0  # time without a flood after which the next one counts as the first
+HOT_C: Final = 60  # a tip last read above this counts as hot
 
 
 def tell_loss(context: SessionContext, cause: LinkError | StationError) -> None:
-    """Put the loss into the record and note it in the facts."""
+    """Record the loss."""
     context.facts.outages += 1
     context.connected = False
     if isinstance(cause, RobotModeOff):
@@ -61,7 +58,7 @@ def tell_loss(context: SessionContext, cause: LinkError | StationError) -> None:
 
 
 def tell_flood(context: SessionContext, flood: LinkFlooded) -> None:
-    """Put a flood into the record, unless one was told since the station was last heard of."""
+    """Record a flood, unless one was recorded since the station last answered."""
     if context.is_flooded:
         return
     again = context.flood_ended is not None and context.now - context.flood_ended < FORGOTTEN_S
@@ -74,18 +71,18 @@ def tell_flood(context: SessionContext, flood: LinkFlooded) -> None:
 
 
 def tell_flood_over(context: SessionContext) -> None:
-    """The station has been reached again."""
+    """Note that the station has been reached again."""
     if context.is_flooded:
         context.is_flooded, context.flood_ended = False, context.now
 
 
 def first_pause_s(context: SessionContext) -> float:
-    """How long to wait before a lost link is tried again."""
+    """Return the pause before the first try to reconnect."""
     return context.flood_pause_s if context.is_flooded else FIRST_SEEK_S
 
 
 def next_pause_s(context: SessionContext, pause_s: float) -> float:
-    """The same after a try that failed, behind a pause of `pause_s`."""
+    """Return the pause after a failed try that followed a pause of `pause_s`."""
     if not context.is_flooded:
         return min(SEEK_GROWTH * pause_s, LONGEST_SEEK_S)
     context.flood_pause_s = min(FLOOD_GROWTH * context.flood_pause_s, LONGEST_AFTER_FLOOD_S)
@@ -93,31 +90,27 @@ def next_pause_s(context: SessionContext, pause_s: float) -> float:
 
 
 def _heat(context: SessionContext) -> tuple[Severity, str]:
-    """How severe it is that the station cannot be reached, and what may be hot there."""
+    """Return the severity of the loss, and a sentence about what may be hot."""
     hot = [port for port in context.ports.values() if port.touched and (port.temperature_c or 0) > HOT_C]
     tips = ", ".join(f"port {port.number} at {port.temperature_c} °C" for port in hot)
     warning = f" Its {context.family.hot_part} stays as it was last set: {tips}." if hot else ""
     return Severity.CRITICAL if hot else Severity.ERROR, warning
 
 
-# -- identity -----------------------------------------------------------------------------------------------------------------
-# Is it still the same station? Asked whenever a cable was out: adapters swap names, and people swap cables.
-#
-# The model alone proves little on a line of equal units, so the software version and the plugged hours are compared too:
-# hours never fall, and grow no faster than time (docs/reference/faults.md, F-16 and F-17). They are so whenever
-# they are read, because
-# who is quick swaps two cables between two questions; model and software are read again as often as the counters. Two units of
-# one model and software whose hours agree cannot be told apart by anything that the manuals print. OMEGA tells none of these:
-# that one answers is all that is known of it.
+# Whether it is still the same station is checked after every disconnection: adapters swap names, and people swap cables. The model
+# proves little on a line of equal units, so the software version and the plugged hours are compared too: hours never fall, and
+# grow no faster than time (docs/reference/faults.md, F-16 and F-17). They are compared at every reading, because two cables can be
+# swapped between two requests; model and software are read as often as the counters. Two units of one model and software
+# with equal hours cannot be distinguished by anything that the manuals print. OMEGA reports none of these.
 
-SAID = ("model", "software_version")  # reads by which a station says who it is, the same all through a run
+SAID = ("model", "software_version")  # reads of the identity that stay constant during a run
 RESOLUTION_H = 1  # the counters count whole hours
-DRIFT = 0.01  # by which a station's clock may differ from ours
+DRIFT = 0.01  # maximum difference between the station's clock and ours
 ROLLS_OVER_AT = 100_000  # five digits
 
 
 def learn_identity(context: SessionContext) -> Steps[None]:
-    """Note the plugged hours of each port beside model and software, to know the station by later."""
+    """Note the plugged hours of each port, with model and software, to recognize the station later."""
     context.said_at = dict.fromkeys(SAID, context.now)
     for number in context.ports:
         hours = yield from _hours(context, number)
@@ -126,9 +119,9 @@ def learn_identity(context: SessionContext) -> Steps[None]:
 
 
 def recognise(context: SessionContext, model: str | None) -> Steps[bool]:
-    """Whether `model` answers for this run's station. A stranger is told once, and neither read further nor written.
+    """Whether the station with the name `model` is this run's. Another one is reported once, and neither read nor written.
 
-    Raises `StationError` or `LinkError` where it cannot be asked.
+    Raises `StationError` or `LinkError` where it cannot be read.
     """
     other = f"a {model}, not the {context.facts.model}" if model != context.facts.model else (yield from _difference(context))
     if other is None and context.facts.model_accepted:
@@ -144,13 +137,13 @@ def recognise(context: SessionContext, model: str | None) -> Steps[bool]:
 
 
 def _other_kind(context: SessionContext) -> Steps[str | None]:
-    """Why a station with an accepted name is not of the kind that was borne out at the start; None where it is."""
+    """Describe why a station with an accepted name is of another kind than at the start; None where it is not."""
     why = yield from unanswered_read(context.station, context.family, min(context.ports))
     return None if why is None else f"a {context.facts.model} of another kind ({why})"
 
 
 def _difference(context: SessionContext) -> Steps[str | None]:
-    """How the station differs from this run's, of the same model; None where it does not."""
+    """Describe how a station of the same model differs from this run's; None where it does not."""
     model, software = context.facts.model, context.facts.software
     if software is not None:
         found = yield from context.read_confirmed(context.command("software_version"), known=software)
@@ -164,7 +157,7 @@ def _difference(context: SessionContext) -> Steps[str | None]:
 
 
 def expect_same(context: SessionContext, number: int, hours: Value) -> None:
-    """Raise `OtherStation` where plugged hours that were just read cannot be those of this run's station."""
+    """Raise `OtherStation` where plugged hours just read cannot be those of this run's station."""
     before, then = context.plugged_hours.get(number, (None, 0.0))
     if before is None or not isinstance(hours, int):
         return
@@ -174,12 +167,12 @@ def expect_same(context: SessionContext, number: int, hours: Value) -> None:
 
 
 def is_said(context: SessionContext, name: str, value: Value) -> bool:
-    """Whether `value` is what the station said at the start, when it was asked for its model or its software."""
+    """Whether `value` is the model or software that the station had at the start."""
     return value == (context.facts.model if name == SAID[0] else context.facts.software)
 
 
 def expect_said(context: SessionContext, name: str, value: Value) -> None:
-    """Raise `OtherStation` where a model or a software that was just read is not that of this run's station."""
+    """Raise `OtherStation` where a model or software just read is not that of this run's station."""
     if not is_said(context, name, value):
         known = context.facts.model if name == SAID[0] else context.facts.software
         what = name.replace("_", " ")
@@ -188,12 +181,12 @@ def expect_said(context: SessionContext, name: str, value: Value) -> None:
 
 
 def _can_be(hours: int, before: int, seconds: float) -> bool:
-    """Whether a counter that stood at `before` can stand at `hours` so many seconds later."""
+    """Whether a counter can go from `before` to `hours` in that time."""
     return (hours - before) % ROLLS_OVER_AT <= seconds / 3600 * (1 + DRIFT) + RESOLUTION_H
 
 
 def _hours(context: SessionContext, number: int, known: int | None = None) -> Steps[int | None]:
-    """The plugged hours of a port; None where the station does not count them."""
+    """Read the plugged hours of a port; None where the station has none."""
     counter = context.family.hours
     if counter is None:
         return None
@@ -204,8 +197,6 @@ def _hours(context: SessionContext, number: int, known: int | None = None) -> St
     return hours if isinstance(hours, int) else None
 
 
-# -- identify -----------------------------------------------------------------------------------------------------------------
-
 CORRECT_IT = "Correct `model`, or the cable"
 
 
@@ -214,7 +205,7 @@ class Absent(StartRefused):
 
 
 def identify(context: SessionContext) -> Steps[None]:
-    """Open the port and prove who is there. Raises `StartRefused` with what to do."""
+    """Open the port and identify the station. Raises `StartRefused` with what to do."""
     context.facts.model = yield from connect(context, reopen=True, tries=START_TRIES)
     context.connected = context.is_proven = True
     context.tries = START_TRIES
@@ -234,9 +225,9 @@ def _learn_who(context: SessionContext) -> Steps[None]:
 
 
 def connect(context: SessionContext, *, reopen: bool, tries: int) -> Steps[str | None]:
-    """Open the port and read the model name; used at the start and after an outage.
+    """Open the port and read the model name, at the start and after an outage.
 
-    None where the family does not tell one: then it has answered something else, which proves the protocol and no more.
+    None where the family reports none: then another answer proves the protocol and nothing more.
     """
     context.station.unasked((yield Wait(0.0)))
     try:
@@ -258,7 +249,7 @@ def _answer(context: SessionContext, tries: int) -> Steps[str | None]:
             if context.family_known and not context.family.models:
                 yield from context.station.read(context.command(context.family.harmless[0]))
                 return None
-            # R-SMN is the same command in every family that has it, so it may be asked before the family is known
+            # every family that has R-SMN has the same, so it works before the family is known
             command = next(iter(context.order.families.values())).commands["model"]
             return str((yield from context.read_confirmed(command, known=context.facts.model)))
         except RobotModeOff as error:
@@ -302,7 +293,7 @@ def _learn_family(context: SessionContext) -> Steps[None]:
 
 
 def _accept_model(context: SessionContext) -> Steps[None]:
-    """Bear out by reads a family that the line file names for the model name: that one never proves the kind of station."""
+    """Confirm by reads the family that the line file names for an accepted model name, which alone does not prove the kind."""
     model = context.order.model
     if model is None:
         return
@@ -318,8 +309,9 @@ def _accept_model(context: SessionContext) -> Steps[None]:
 
 
 def _software(context: SessionContext) -> Steps[str | None]:
-    """The software version; None where the station refuses the question, which is how it says that it does not know it, or where
-    it could not be read. That is a warning, because what is not known identifies nobody.
+    """Read the software version; None where the station refuses, because it has none, or where it cannot be read.
+
+    The latter is a warning, because the station is then recognized without it.
     """
     try:
         return str((yield from context.read_confirmed(context.command("software_version"))))
@@ -333,7 +325,7 @@ def _software(context: SessionContext) -> Steps[str | None]:
 
 
 def _learn_ports(context: SessionContext) -> Steps[None]:
-    """Ports that the line file names must answer R-CT; without a name, those that do are meant."""
+    """Find the ports: those named by the line file must answer R-CT; otherwise all that do count."""
     named = context.order.ports or context.family.ports
     if not context.family.tools:
         context.ports.update({number: PortState(number) for number in named or ()})
@@ -372,7 +364,7 @@ def _require_tools(context: SessionContext) -> None:
 
 
 def measure_turnaround(context: SessionContext) -> Steps[None]:
-    """Ask harmless questions and keep how long the station itself takes to answer, in µs."""
+    """Measure the response time with harmless reads, in µs."""
     measured, answered = yield from response_time(context.station, context.family, min(context.ports))
     if measured is None or answered < LEAST_ANSWERED:
         raise StartRefused(f"{context.name}: only {answered} of {READS} questions were answered; the link is too bad to run on")

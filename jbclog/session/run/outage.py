@@ -1,7 +1,7 @@
-"""When the station cannot be asked: its missed ticks are written, it is sought with back-off, and looked at before it counts.
+"""Bridges an outage: records the missed ticks, tries to reconnect with back-off, and checks the station before it counts again.
 
-Nothing is written to a station that has come back, and nothing heats by itself: its identity and settings are read, and
-what differs is an event (docs/reference/faults.md, F-12, F-13, F-16 and F-17).
+Nothing is written to a station that is back, and nothing heats by itself: identity and settings are read, and each difference
+is an event (docs/reference/faults.md, F-12, F-13, F-16 and F-17).
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from jbclog.session.run.identify import (
 from jbclog.session.run.sampling import Lost, Sampler
 from jbclog.session.run.watch import stop_on, tell_change
 
-SEEK_AT_END_S = 3.0  # after the run's end, before a station is called gone: its tools have to be made safe anyway
+SEEK_AT_END_S = 3.0  # after the run's end, before a station counts as gone: its tools must be made safe anyway
 
 
 class Gone(Exception):
-    """The run's duration ended while the station was away, and it did not come back right after it."""
+    """The run ended during an outage, and the station did not come back right after."""
 
 
 def outage(context: SessionContext, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
-    """Live through an outage that began in `tick`; give the tick at which sampling goes on.
+    """Bridge an outage that began in `tick`; return the tick at which sampling resumes.
 
-    Raises `Gone` where the run ends first and the station is not found soon after, `SettingChanged` where the recipe stops on a
+    Raises `Gone` where the run ends first and the station does not come back soon, `SettingChanged` where the recipe stops on a
     difference.
     """
     tell_loss(context, lost.cause)
@@ -73,7 +73,7 @@ def _live_through(context: SessionContext, sampler: Sampler, tick: int, lost: Lo
 
 
 def _seek_at_end(context: SessionContext, *, reopen: bool) -> Steps[bool]:
-    """Whether the station is found within `SEEK_AT_END_S`. One that is late as the run ends has had no other chance.
+    """Try to reconnect for `SEEK_AT_END_S`; a station that is late at the run's end has no other chance.
 
     A flooded link is tried once.
     """
@@ -88,7 +88,7 @@ def _seek_at_end(context: SessionContext, *, reopen: bool) -> Steps[bool]:
 
 
 def _resume(context: SessionContext, began: float, why: str, held: dict[int | None, dict[str, Value]]) -> None:
-    """The station is back, and has been looked at."""
+    """Report that the station is back, with its changes."""
     _tell_return(context, began, why)
     _compare(context, held)
 
@@ -107,7 +107,7 @@ def _tell_return(context: SessionContext, began: float, why: str) -> None:
 
 
 def _seek(context: SessionContext, *, reopen: bool) -> Steps[bool]:
-    """Try once to reach the station and to learn what it holds now. Whether it may be sampled again."""
+    """Try once to reconnect and to read the settings; return whether the station may be sampled again."""
     try:
         found = yield from connect(context, reopen=reopen, tries=1)
         if not (yield from recognise(context, found)):
@@ -133,7 +133,7 @@ def _read_tools(context: SessionContext) -> Steps[None]:
 
 
 def _all_held(context: SessionContext) -> dict[int | None, dict[str, Value]]:
-    """All settings as they were last known, station first; the status is the last that was seen."""
+    """Return all settings as last known, station first, with the last seen status."""
     held: dict[int | None, dict[str, Value]] = {None: dict(context.held)}
     for port in context.ports.values():
         held[port.number] = dict(port.held) | ({} if port.status is None else {"status": port.status})
@@ -141,7 +141,7 @@ def _all_held(context: SessionContext) -> dict[int | None, dict[str, Value]]:
 
 
 def _compare(context: SessionContext, before: dict[int | None, dict[str, Value]]) -> None:
-    """Tell every setting that came back different, station first; then stop, where the recipe says so."""
+    """Report every changed setting, station first; then stop, if the recipe says so."""
     changes = []
     for number, held in before.items():
         port = None if number is None else context.ports[number]
@@ -157,14 +157,14 @@ def _compare(context: SessionContext, before: dict[int | None, dict[str, Value]]
 
 
 def _is_watched(context: SessionContext, port: PortState | None, name: str) -> bool:
-    """Whether a difference in it is one: a new tool has settings of its own, and a recipe may leave the tools' state alone."""
+    """Whether a difference counts: a new tool has its own settings, and the recipe may leave the tools' state alone."""
     if name == "status" and context.recipe.run.status is None:
         return False
     return not (port is not None and port.tool_is_new and context.command(name).scope is Scope.TOOL)
 
 
 def _is_alike(context: SessionContext, name: str, before: Value, found: Value) -> bool:
-    """Whether nothing changed that anybody set; a status goes on by itself from stand to sleep."""
+    """Whether nobody changed the value; a status proceeds from stand to sleep by itself."""
     if name == "status" and isinstance(found, tuple) and isinstance(before, tuple):
         return context.family.status.is_working(found) == context.family.status.is_working(before)
     return found == before

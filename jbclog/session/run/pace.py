@@ -1,4 +1,4 @@
-"""How fast a station is sampled: the rate asked for, if it fits the wire with the turnaround just measured."""
+"""Chooses a station's sampling rate: the requested one, if it fits the link with the measured response time."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ SOME_RATES = ", ".join(f"{rate_hz:g}" for rate_hz in AUTO_RATES_HZ[:6]) + " …"
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """What is read repeatedly and at which period; `paced` is False where the station is asked without pause."""
+    """The readings of a run and their period; `paced` is False without pause."""
 
     readings: list[Reading]
     period_s: float
@@ -36,7 +36,7 @@ class Pace:
 
 
 def readings_for(family: Family, ports: Sequence[int], recipe: Recipe, line: LineFormat, addressed: bool) -> list[Reading]:
-    """Everything that a run reads repeatedly on a station of `family` with `ports`; also for `plan`."""
+    """List everything that a run, or `plan`, reads repeatedly on a station of `family` with `ports`."""
     sampling = recipe.sampling
     signals = [(signal, family.commands[signal.command]) for signal in family.signals]
     counters = [(counter, family.commands[counter.command]) for counter in family.counters]
@@ -49,26 +49,26 @@ def readings_for(family: Family, ports: Sequence[int], recipe: Recipe, line: Lin
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """How long a station takes to answer, in seconds: usually, and the longest that a rate must still fit."""
+    """Response time of a station in seconds: the usual one, and the longest that a rate must still fit."""
 
     usual_s: float
     longest_s: float
 
 
 def response(family: Family, median_s: float, p99_s: float) -> Response:
-    """What a rate is held against: the usual response time, or the longest seen where the manual prints that it varies."""
+    """Return the response times for choosing a rate; the longest measured one counts where the manual prints that it varies."""
     return Response(median_s, median_s if family.turnaround_ms is None else p99_s)
 
 
 def asked_rate(rate: float | str | None, recipe: Recipe, family: Family | None) -> float | str:
-    """What is asked for: by `--rate`, else by the recipe."""
+    """Return the requested rate: that of `--rate`, else the recipe's."""
     return recipe.asked_rate(family) if rate is None else rate
 
 
 def taken_rate_hz(asked: float | str, recipe: Recipe, family: Family, demand: Demand, response: Response) -> float:
-    """The rate in Hz that `asked` (not ``max``) comes to; 0.0 where none fits. A number is taken as it is.
+    """Return the rate in Hz for `asked` (not ``max``); 0.0 where none fits. A number is taken as it is.
 
-    ``auto`` holds for the whole run, so it reckons with the longest response time that the manual prints, seen or not.
+    ``auto`` must hold for the whole run, so it allows for the longest response time that the manual prints.
     """
     if asked == AS_AUTO:
         printed_s = family.turnaround_ms[1] / 1000 if family.turnaround_ms else 0.0
@@ -79,10 +79,10 @@ def taken_rate_hz(asked: float | str, recipe: Recipe, family: Family, demand: De
 
 
 def choose_pace(context: SessionContext) -> Pace:
-    """Decide the rate. Raises `StartRefused` naming the best rate and the greatest turnaround where it does not fit."""
+    """Choose the rate. Raises `StartRefused` naming the best rate and the maximum response time where it does not fit."""
     order, facts = context.order, context.facts
     readings = readings_for(context.family, list(context.ports), context.recipe, order.line, order.address is not None)
-    unread = {"software_version"} if facts.software is None else set()  # there is nothing to compare it with
+    unread = {"software_version"} if facts.software is None else set()  # nothing to compare it with
     readings = [one for one in readings if one.name not in context.not_supported | unread]
     demand, seen = Demand.of(readings), facts.turnaround_us
     usual = response(context.family, seen["median"] / 1e6, seen["p99"] / 1e6)
@@ -105,7 +105,7 @@ def _rate_hz(context: SessionContext, asked: float | str, demand: Demand, respon
 
 
 def chosen_text(facts: StationFacts) -> str:
-    """How a rate that was chosen here came to be, to stand behind a comma; empty where a number was asked for."""
+    """Describe how the rate was chosen, after a comma; empty where a number was requested."""
     if facts.rate_hz is None or not isinstance(facts.asked_rate, str):
         return ""
     why = "a fifth of its link stays free" if facts.asked_rate == AS_AUTO else "the best rate that fits"
@@ -113,7 +113,7 @@ def chosen_text(facts: StationFacts) -> str:
 
 
 def rate_problem(name: str, rate_hz: float, demand: Demand, turnaround_s: float) -> str | None:
-    """Why a rate cannot be kept with all that is to be read, or None. 0 Hz stands for ``auto`` that found none."""
+    """Describe why a rate cannot be kept with all readings; None where it can. 0 Hz: ``auto`` found none."""
     if not rate_hz:
         return nothing_left(name, demand, turnaround_s)
     if demand.is_too_slow(rate_hz):
@@ -125,7 +125,7 @@ def rate_problem(name: str, rate_hz: float, demand: Demand, turnaround_s: float)
 
 
 def too_fast(name: str, rate_hz: float, demand: Demand, turnaround_s: float) -> str:
-    """The sentence that says by how much a rate does not fit, and what would."""
+    """Describe by how much a rate does not fit, and what would."""
     load, best = demand.load(rate_hz, turnaround_s), demand.best_rate_hz(turnaround_s)
     most = demand.greatest_turnaround_s(rate_hz) * 1000
     why = "95 % is the limit" if load > 1 - KEPT_FOR_REPEATS else "which leaves the slow signals too little to come round in time"
@@ -137,7 +137,7 @@ def too_fast(name: str, rate_hz: float, demand: Demand, turnaround_s: float) -> 
 
 
 def nothing_left(name: str, demand: Demand, turnaround_s: float) -> str:
-    """The sentence for ``auto`` where none of its rates leaves a fifth of the link free."""
+    """Describe that no rate of ``auto`` leaves a fifth of the link's time free."""
     best = demand.best_rate_hz(turnaround_s)
     by_hand = "" if demand.is_too_slow(best) else f", or name a rate: {best:g} Hz is the best"
     return (

@@ -1,4 +1,4 @@
-"""From a value read to the columns of a row; what is hard to believe is asked again."""
+"""Converts values to columns of a row, and reads implausible values again."""
 
 from __future__ import annotations
 
@@ -19,9 +19,6 @@ from jbclog.protocol.commands.signals import STATUS_COLUMNS
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.scheduler import Reading
 
-# -- columns ------------------------------------------------------------------------------------------------------------------
-# From a value read to the columns of a row: one small function a signal, found by the signal's name.
-
 Fill = Callable[[SampleRow, Value], None]
 
 MOTOR = ("off", "forward", "backward")
@@ -34,7 +31,7 @@ _HIGH, _LOW, _FEEDING = COLUMN["alarm_high"], COLUMN["alarm_low"], COLUMN["feedi
 
 
 def _status(family: Family) -> Fill:
-    """``0MDES``: motor, desoldering, extractor or cooling, status (docs/reference/protocol.md, Status word)."""
+    """Return the filler of ``0MDES``: motor, desoldering, tens, status (docs/reference/protocol.md, Status word)."""
     names, has_motor = family.status.names, family.has_feeder
 
     def fill(row: SampleRow, word: Value) -> None:
@@ -49,7 +46,7 @@ def _status(family: Family) -> Fill:
 
 
 def _alarm_flags(row: SampleRow, word: Value) -> None:
-    """Units high, tens low (manual 002, R-TAx)."""
+    """Fill the flags: units high, tens low (manual 002, R-TAx)."""
     assert isinstance(word, tuple)
     row[_HIGH] = word[4] == 1
     row[_LOW] = word[3] == 1
@@ -60,7 +57,7 @@ def _feeding(row: SampleRow, mode: Value) -> None:
 
 
 def _flags(*columns: str) -> Fill:
-    """OMEGA's states: each answer says yes or no to one column or more."""
+    """Return the filler of OMEGA's states: each answer sets one column or more."""
     places = [(COLUMN[column], TRUE_ANSWERS[column]) for column in columns]
 
     def fill(row: SampleRow, value: Value) -> None:
@@ -80,7 +77,7 @@ def _plain(column: str) -> Fill:
 
 
 def _share(column: str, command: Command, context: SessionContext) -> Fill:
-    """Per mille of the station's greatest; the raw number is a row of `settings` (docs/reference/contradictions.md, B-33)."""
+    """Return the filler of a share of the station's maximum; the raw number is a row of `settings` (B-33)."""
     place = COLUMN[column]
 
     def fill(row: SampleRow, value: Value) -> None:
@@ -98,7 +95,7 @@ SPECIAL: dict[str, Fill] = {
 
 
 def fill_of(reading: Reading, context: SessionContext) -> Fill:
-    """How the answer to a reading fills its columns."""
+    """Return how the answer to a reading fills its columns."""
     signal = reading.name
     if signal == "status":
         return _status(context.family)
@@ -108,16 +105,16 @@ def fill_of(reading: Reading, context: SessionContext) -> Fill:
 
 
 def whole_of(command: Command, context: SessionContext) -> int | None:
-    """What the number that `command` tells is a share of, as the station told it; None where it did not."""
+    """Return the station's maximum that the number of `command` is a share of; None where not known."""
     whole = context.held.get(str(command.share_of))
     return whole if isinstance(whole, int) and whole > 0 else None
 
 
 def unusable(reading: Reading, value: Value, port: PortState, context: SessionContext) -> str | None:
-    """Why a well-formed value is not taken, or None.
+    """Return why a well-formed value is not recorded; None where it is.
 
-    A countdown that does not run has no remaining time, a share of something unknown is none, and an answer without its digit
-    tells no state.
+    A countdown that does not run has no remaining time, a share of an unknown maximum is not known, and an answer without its digit
+    has no state.
     """
     if reading.name == "delay_s" and (value in NO_COUNTDOWN or (value == 0 and not _is_counting(port))):
         return NOT_COUNTING
@@ -129,23 +126,21 @@ def unusable(reading: Reading, value: Value, port: PortState, context: SessionCo
 
 
 def void(signal: str, port: PortState, context: SessionContext) -> str | None:
-    """Why no answer means anything while the port's error lasts, or None (docs/reference/contradictions.md, B-44)."""
+    """Return why no answer means anything during the port's error; None where it does (docs/reference/contradictions.md, B-44)."""
     return context.family.port_errors.void(port.error, signal)
 
 
 def _is_counting(port: PortState) -> bool:
-    """Whether the tool stands, and so a countdown to sleep or hibernation can be running."""
+    """Whether the tool stands, so that a countdown to sleep or hibernation can be running."""
     return port.status is not None and port.status[4] in (1, 2)
 
 
-# -- possible -----------------------------------------------------------------------------------------------------------------
-# What a reading of this station can be at all: what no station can say (`commands.possible`), and what this one cannot.
-#
-# Anything else is no value, however often it is said. It is asked again before that is believed, too (`readings.py`).
+# Possible values: `protocol/commands/ranges.py` by the family, here by this station. Anything else is not a value, however often it
+# is repeated, but is read again before that is decided.
 
 
 def possible_of(context: SessionContext, reading: Reading) -> Possible | None:
-    """What tells whether an answer to `reading` can be true; None where nothing is known to be impossible."""
+    """Return a check whether an answer to `reading` can be true; None where every answer can."""
     possible = plausibility_check(reading.name, context.family)
     if possible is None and reading.command.share_of is not None:
         return _share_of(reading.command, context)
@@ -153,7 +148,7 @@ def possible_of(context: SessionContext, reading: Reading) -> Possible | None:
 
 
 def _share_of(command: Command, context: SessionContext) -> Possible:
-    """Not much more than the whole, as soon as that is known."""
+    """Return a check for not much more than the whole, once that is known."""
 
     def possible(value: Value) -> bool:
         whole = whole_of(command, context)
@@ -162,46 +157,43 @@ def _share_of(command: Command, context: SessionContext) -> Possible:
     return possible
 
 
-# -- second look --------------------------------------------------------------------------------------------------------------
-# A second look at what is hard to believe: asked again before it is taken, and marked.
-#
-# One flipped pair of bits in sixteen passes the check byte (docs/reference/faults.md, F-3). So what would stop a run, what is a
-# counter, and what no tool can do is believed when another answer says the same. A jump of temperature that was believed
-# so, and every answer that the next one did not bear out, is counted in the facts (`doubted`) and told once a series.
+# One in sixteen double bit errors passes the check byte (docs/reference/faults.md, F-3). So a value that would stop a run, a
+# counter, and an implausible value need a second, equal answer. A jump of temperature accepted so, and every answer that the
+# next one does not confirm, is counted in the facts (`doubted`) and reported once for a series.
 
-LOOKS = 3  # answers that are asked for at the most
-JUMP_EVERY_S = 0.25  # a family's `jump_c` in this time is twice what its quickest tools make while they heat up
-SERIES_S = 60.0  # what is doubted again within this time is not told again
+LOOKS = 3  # answers, at most
+JUMP_EVERY_S = 0.25  # in this time the fastest tools change by half of a family's `jump_c` while heating up
+SERIES_S = 60.0  # within this time another doubt is not reported
 
 Doubt = Callable[[SessionContext, PortState, Value], bool]
 
 
 @dataclass(slots=True)
 class SecondLook:
-    """The doubts about one reading of one port."""
+    """The second look at doubtful values of one reading."""
 
     reading: Reading
     port: PortState
     question: PreparedRead
     doubt: Doubt | None
     possible: Possible | None = None
-    heard_at: float | None = None  # of the last answer that was believed
-    told_at: float | None = None  # of the last one that was doubted
+    heard_at: float | None = None  # time of the last accepted answer
+    told_at: float | None = None  # time of the last doubtful one
 
     def is_due(self, context: SessionContext, value: Value) -> bool:
-        """Whether `value` is hard to believe."""
+        """Whether `value` is doubtful."""
         doubtful = self.doubt is not None and self.doubt(context, self.port, value)
         if not (doubtful or self._is_impossible(value)):
             return False
-        return context.family.void(self.reading.name, self.port.tool, self.port.error) is None  # it means nothing anyhow
+        return context.family.void(self.reading.name, self.port.tool, self.port.error) is None  # else it means nothing anyway
 
     def _is_impossible(self, value: Value) -> bool:
         return self.possible is not None and not self.possible(value)
 
     def settle(self, context: SessionContext, first: Value) -> Steps[Value]:
-        """Ask again until an answer leaves no doubt or is borne out by another.
+        """Read again until an answer is plausible or confirmed by another.
 
-        Raises `ImplausibleAnswer` where none does, and what asking raises.
+        Raises `ImplausibleAnswer` where none is, and what reading raises.
         """
         given = [first]
         while len(given) < LOOKS:
@@ -210,12 +202,12 @@ class SecondLook:
             if value is not None:
                 return value
             if given[-1] == given[-2]:
-                break  # said twice, and it cannot be true
+                break  # repeated, and impossible
         context.doubted[self.reading.command.name] += 1
         raise ImplausibleAnswer(f"{self.question.title()}: {self._shown(given)} when asked {len(given)} times")
 
     def _settled(self, context: SessionContext, given: Sequence[Value]) -> Value | None:
-        """What the last answer settles. Marked where it contradicts another, or is a jump that no tool makes."""
+        """Return the value that the last answer confirms. It is marked if it contradicts another, or is an impossible jump."""
         value: Value | None = given[-1]
         if not self.is_due(context, given[-1]):
             contradicts = not self._is_near(given)
@@ -231,7 +223,7 @@ class SecondLook:
 
     @property
     def _last_c(self) -> int | None:
-        """The temperature that was last believed."""
+        """The last accepted temperature."""
         return self.port.temperatures_c.get(self.reading.name)
 
     @property
@@ -239,7 +231,7 @@ class SecondLook:
         return self.reading.counter is not None
 
     def _borne_out(self, context: SessionContext, given: Sequence[Value]) -> Value | None:
-        """What two of the answers say, if it can be. A temperature may have moved a little between them."""
+        """Return the value of two equal answers, if possible. A temperature may have changed a little between them."""
         if self._is_impossible(given[-1]):
             return None
         if not self._is_temperature:
@@ -247,14 +239,14 @@ class SecondLook:
         return given[-1] if self._is_near(given) else None
 
     def _is_near(self, given: Sequence[Value]) -> bool:
-        """Whether the last is a temperature about as high as another of the answers."""
+        """Whether the last answer is a temperature close to another of the answers."""
         *before, last = given
         if not self._is_temperature or not isinstance(last, int):
             return False
         return any(isinstance(one, int) and abs(last - one) <= STILL_C for one in before)
 
     def _is_jump(self, context: SessionContext, value: Value) -> bool:
-        """Whether no tool gets from the last temperature to this one in the time that was between them."""
+        """Whether no tool can change from the last temperature to this one in the time between them."""
         known = self._last_c
         if not isinstance(value, int) or known is None or self.heard_at is None:
             return False

@@ -1,21 +1,20 @@
-"""The last chapter, on every way out: what this run touched is made safe (`session/safety/secure.py`), and how that went is
-told.
-"""
+"""The last step, on every way out: makes safe what this run touched (`session/safety/secure.py`), and reports the result."""
 
 from __future__ import annotations
 
 from jbclog.core.io_requests import Steps, Wait
 from jbclog.core.rows import Severity
+from jbclog.core.states import SafetyResult
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.identify import recognise, tell_flood
 from jbclog.session.safety.secure import secure
-from jbclog.session.safety.tools import FAILED, SENT, VERIFIED, Task, Tool
+from jbclog.session.safety.tools import Task, Tool
 
 
 def make_safe(context: SessionContext) -> Steps[None]:
-    """Put what this run touched into the recipe's safe state; `facts.unsafe` and an event name every tool that is not.
+    """Put touched tools into the recipe's safe state; `facts.unsafe` and an event name every tool that is not safe.
 
-    All is done before any of it is told, so that a record that fails keeps no tool hot.
+    Reports come last, so that a failing record keeps no tool hot.
     """
     touched = [port for port in context.ports.values() if port.touched]
     if not touched and not context.feeder_touched:
@@ -34,13 +33,13 @@ def make_safe(context: SessionContext) -> Steps[None]:
 
 
 def put_in_safe_state(context: SessionContext, port: PortState) -> Steps[None]:
-    """Order the safe state on one port until a reading bears it out, and say how that went."""
+    """Order the safe state on one port until it is read back, and report the result."""
     (tool,) = (yield from _put(context, [port], feeds=False)).tools
     _tell(context, port, tool)
 
 
 def _put(context: SessionContext, ports: list[PortState], *, feeds: bool) -> Steps[Task]:
-    """Make these ports safe. What came of it is in the facts, too, whatever ends this early."""
+    """Make these ports safe. The facts have the result even after an exception."""
     tools = [Tool(port.number, context.keeps_suction(port)) for port in ports]
     spare = context.spares_resting
     is_stranger = context.stranger is not None
@@ -55,7 +54,7 @@ def _put(context: SessionContext, ports: list[PortState], *, feeds: bool) -> Ste
         spare,
         is_stranger,
     )
-    context.facts.safe_state |= dict.fromkeys((port.number for port in ports), FAILED)
+    context.facts.safe_state |= dict.fromkeys((port.number for port in ports), SafetyResult.FAILED)
     try:
         yield from secure(task)
     finally:
@@ -74,7 +73,7 @@ def _is_ours(context: SessionContext) -> Steps[bool]:
 
 
 def _is_verified(context: SessionContext, port: PortState) -> bool:
-    return context.facts.safe_state[port.number] == VERIFIED
+    return context.facts.safe_state[port.number] == SafetyResult.VERIFIED
 
 
 def _tell(context: SessionContext, port: PortState, tool: Tool) -> None:
@@ -98,7 +97,7 @@ def _state_of(context: SessionContext, port: PortState) -> str:
 
 def _unsafe_text(context: SessionContext, port: PortState) -> str:
     last = "never read" if port.temperature_c is None else f"last read {port.temperature_c} °C"
-    sent = context.facts.safe_state.get(port.number) == SENT
+    sent = context.facts.safe_state.get(port.number) == SafetyResult.SENT
     what = "was told to go to its safe state and does not confirm it" if sent else "could not be put in its safe state"
     if context.is_flooded:
         what += " (its link is flooded)"

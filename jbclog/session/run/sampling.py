@@ -1,8 +1,8 @@
-"""Chapter 3 of a station's run: samples at the ticks of the grid.
+"""Samples at the ticks of the grid.
 
-A tick reads the fast signals of all ports, then as many slow ones as the wire has room for. A late tick is not made up
-by a burst: what is a whole period late is a row of `skipped`. Who made it late is counted apart: only what the computer was seen
-to be late by is the computer's, and nothing that a station took, however long.
+A tick reads the fast signals of all ports, then slow ones as time permits. A late tick is not caught up: a tick that is a
+whole period late becomes a row of `skipped`. Its cause is counted separately: the computer, as far as it was measurably late,
+else the station.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Final, NamedTuple
 from jbclog.core.errors import LinkError, RobotModeOff, StartRefused, StationError, StationSilent
 from jbclog.core.io_requests import Ask, IoResult, Listen, Request, RunEnded, Steps, T, Wait, relay
 from jbclog.core.quantities import OFF, text_of
-from jbclog.core.rows import SettingRow, Severity
+from jbclog.core.rows import SettingOutcome, SettingRow, Severity
 from jbclog.protocol.commands.command import Scope
 from jbclog.session.run.alarms import AlarmWatch
 from jbclog.session.run.apply import read_tool, readable_settings
@@ -26,15 +26,12 @@ from jbclog.session.run.scan import SKIPPED, Probe, Scan, Scanner
 from jbclog.session.run.watch import tell_late
 from jbclog.session.scheduler import Demand, Grid, Reading, SlowReadings
 
-# -- new tool -----------------------------------------------------------------------------------------------------------------
-# A tool that was connected or changed during the run: its settings are read, never written.
-#
-# If it would not cool down by itself (its sleep delay is off), its port goes to the safe state at once
-# (docs/reference/safe-states.md).
+# A tool connected or changed during the run: its settings are read, never written. If it would not cool down by itself (its sleep
+# delay is off), its port goes to the safe state at once (docs/reference/safe-states.md).
 
 
 def meet_tool(context: SessionContext, port: PortState) -> Steps[None]:
-    """Learn what the new tool in `port` holds, and make it safe if it must be. Raises what ends the asking."""
+    """Read the settings of the new tool in `port`, and make it safe if necessary. Raises what makes reading impossible."""
     port.tool_is_new = False
     for command in readable_settings(context, Scope.TOOL):
         port.held.pop(command.name, None)
@@ -54,7 +51,7 @@ def meet_tool(context: SessionContext, port: PortState) -> Steps[None]:
 
 
 def _stays_hot(context: SessionContext, port: PortState) -> bool:
-    """Whether it would never cool in stand. Hot air needs no delay for that: its safe states have the heater off."""
+    """Whether the tool would never cool in stand. Hot air needs no delay: its safe states have the heater off."""
     return "sleep_delay" in context.family.commands and port.held.get("sleep_delay", OFF) is OFF
 
 
@@ -63,22 +60,21 @@ def _record(context: SessionContext, port: PortState) -> None:
     for command in readable_settings(context, Scope.TOOL):
         if command.name in port.held:
             value = text_of(port.held[command.name])
-            row = SettingRow(time, context.name, port.number, tool, command.name, command.unit, None, None, value, None, "read")
+            row = SettingRow(
+                time, context.name, port.number, tool, command.name, command.unit, None, None, value, None, SettingOutcome.READ
+            )
             context.journal.setting(row)
 
 
 def _make_safe(context: SessionContext, port: PortState) -> Steps[None]:
-    """The tool's own delay would keep it hot in stand for ever, or is not known: do not leave it at work."""
+    """Make the tool safe: its own delay would keep it hot in stand forever, or is not known."""
     text = f"The sleep delay of the new tool in port {port.number} is off or unknown: the port is put in its safe state."
     context.note("safety.no_cooldown", Severity.WARNING, text, port=port.number)
     yield from put_in_safe_state(context, port)
 
 
-# -- busy ---------------------------------------------------------------------------------------------------------------------
-# Ticks that the computer, or a slow station, came too late for, told together: how many, in how many places, and how late.
-#
-# A busy hour must not become thousands of events, and nobody is to wait long for the first: one is told once nothing more was
-# skipped for `QUIET_S`, and every `LONGEST_S` where it goes on.
+# Skipped ticks are reported together, so that a busy hour does not become thousands of events: after `QUIET_S` without one,
+# and every `LONGEST_S` during a long series.
 
 KIND: Final = "host.busy"
 SLOW_KIND: Final = "station.slow"
@@ -88,7 +84,7 @@ LONGEST_S: Final = 300.0
 
 @dataclass(slots=True)
 class Busy:
-    """What has not been told yet. Times are monotonic seconds; `since` is when the first of the ticks was due."""
+    """Skipped ticks not reported yet. Times are monotonic seconds; `since` is when the first tick was due."""
 
     ticks: int = 0
     places: int = 0
@@ -97,7 +93,7 @@ class Busy:
     last: float = 0.0
 
     def add(self, ticks: int, due: float, now: float) -> None:
-        """`ticks` from the one that was due at `due` on were not run; it is `now`."""
+        """Count `ticks` skipped from the one due at `due` on; it is `now`."""
         if not self.ticks:
             self.since = due
         self.ticks += ticks
@@ -120,17 +116,14 @@ class Busy:
         return f"{ticks} not run{places}, {self.late_s:.2f} s late at most"
 
 
-# -- standstill ---------------------------------------------------------------------------------------------------------------
-# Whether the host stood still: time that passed although nothing was asked and nothing waited for.
-#
-# A station that babbles or hangs makes a tick late, and so does a host that was suspended; only the second is an event of
-# its own (docs/reference/tables.md). What tells them apart is the wish: it says until when it may last.
+# A station that hangs makes a tick late, and so does a suspended host, which is an event of its own (docs/reference/tables.md).
+# The request distinguishes them: it says until when it may last.
 
-SUSPENDED_S = 5.0  # a standstill of the host that is an event; its ticks have no rows. A busy host may be late by less
+SUSPENDED_S = 5.0  # a longer standstill of the host is an event, and its ticks have no rows
 
 
 class Span(NamedTuple):
-    """From the moment by which a wish ought to have come back to the one at which it did, monotonic seconds."""
+    """From the latest time at which a request should have returned to the time at which it did, monotonic seconds."""
 
     begin: float
     end: float
@@ -142,26 +135,26 @@ class Span(NamedTuple):
 
 @dataclass(slots=True)
 class Standstill:
-    """When the host stood still, since `spans` was last emptied, and by how much all wishes together came back too late.
+    """Standstills of the host since `spans` was last cleared, and the total time by which requests returned late.
 
-    What is waited for is no standstill, whoever waits and however long: it begins where the wish that is out should have ended.
+    Waiting is no standstill: that begins when the pending request should have ended.
     """
 
     spans: list[Span] = field(default_factory=list)
     late_s: float = 0.0
-    _due: float = -inf  # the last moment at which it is known that the host went on, or need not have
+    _due: float = -inf  # until here the host was running, or had nothing to do
 
     def watch(self, steps: Steps[T], now: float) -> Steps[T]:
-        """Do `steps` as they are, from `now` on, and note by how much their wishes came back too late."""
+        """Run `steps` from `now` on, and note by how much their requests return late."""
         self._due = max(self._due, now)
 
-        def timed(wish: Request) -> Steps[IoResult]:
+        def timed(request: Request) -> Steps[IoResult]:
             try:
-                heard = yield wish
-            except Exception:  # nobody says when: what it may have taken is not the host's
-                self._due = _latest(wish, self._due)
+                heard = yield request
+            except Exception:  # without a time: does not count as the host's
+                self._due = _latest(request, self._due)
                 raise
-            self._note(Span(min(_latest(wish, self._due), _held_up(wish, heard)), heard.now))
+            self._note(Span(min(_latest(request, self._due), _held_up(request, heard)), heard.now))
             self._due = heard.now
             return heard
 
@@ -173,33 +166,31 @@ class Standstill:
             self.spans.append(late)
 
     def covers(self, moment: float) -> bool:
-        """Whether the host stood still at `moment`."""
+        """Whether `moment` is within a standstill."""
         return any(span.begin < moment <= span.end for span in self.spans)
 
 
-def _latest(wish: Request, now: float) -> float:
-    """The moment by which `wish` ought to have come back. Nobody can say how long opening a port may take, or the others."""
-    match wish:
+def _latest(request: Request, now: float) -> float:
+    """Return the time by which `request` should have returned. Reopening a port, and `Gather`, have no limit."""
+    match request:
         case Ask():
-            return now + wish.patience_s
+            return now + request.patience_s
         case Listen() | Wait():
-            return max(now, wish.until)
+            return max(now, request.until)
         case _:
             return inf
 
 
-def _held_up(wish: Request, heard: IoResult) -> float:
-    """Since when an answer may have been there, unheard. In any other wish the driver being late matters at its end only."""
-    return heard.now - heard.late_s if isinstance(wish, Ask | Listen) and heard.data else inf
+def _held_up(request: Request, heard: IoResult) -> float:
+    """Return since when an answer may have been waiting for the driver; for other requests only their end matters."""
+    return heard.now - heard.late_s if isinstance(request, Ask | Listen) and heard.data else inf
 
 
-# -- sampling -----------------------------------------------------------------------------------------------------------------
-
-FINISH_S = 0.5  # a tick in which the run is ended may take so much longer; hot tools are waiting
+FINISH_S = 0.5  # a tick in which the run is ended may take this much longer; hot tools are waiting
 
 
 class Lost(Exception):
-    """The station cannot be asked any more; `cause` says why. Only `outage` takes it."""
+    """The station cannot be reached any more, because of `cause`. `outage` handles it."""
 
     def __init__(self, cause: LinkError | StationError) -> None:
         super().__init__(str(cause))
@@ -207,7 +198,7 @@ class Lost(Exception):
 
 
 class Sampler:
-    """Samples one station. On a grid (`paced`) ticks are due times; without pause they count scans."""
+    """Samples one station. On a grid (`paced`) ticks are due times; without pause they are scans."""
 
     def __init__(self, context: SessionContext, readings: list[Reading], grid: Grid, *, paced: bool) -> None:
         self.context = context
@@ -219,7 +210,7 @@ class Sampler:
         self._standstill = Standstill()
         self._busy = Busy()
         self._slow = Busy()
-        self._late_s = 0.0  # by which it is behind because the computer was late
+        self._late_s = 0.0  # current delay caused by the computer
         context.facts.skipped_by_host = context.facts.skipped_by_host or 0
         self._ending: RunEnded | None = None
         self._finish_by = math.inf
@@ -244,23 +235,21 @@ class Sampler:
     def _fast_of(self, port: int) -> list[Probe]:
         return [probe for probe in self._probes.values() if probe.reading.period_s is None and probe.reading.port == port]
 
-    # -- the loop ----------------------------------------------------------------------------------------------------
-
     def is_over(self, tick: int) -> bool:
-        """Whether the run's duration ends before `tick`."""
+        """Whether the run ends before `tick`."""
         moment = self.grid.due(tick) if self.paced else self.context.now
         return self.end is not None and moment >= self.end - 1e-9
 
     def run(self, tick: int) -> Steps[int]:
-        """Sample from `tick` on; give the tick after the last.
+        """Sample from `tick` on; return the tick after the last.
 
-        Raises `Lost` once the rows of its tick are written, and `StartRefused` where the station has nothing to sample.
+        Raises `Lost` after writing the rows of its tick, and `StartRefused` where the station has nothing to sample.
         """
         while not self.is_over(tick):
             self._standstill.spans.clear()
             self._late_s = min(self._late_s, max(self.context.now - self.grid.due(tick), 0.0))
             yield from self.watched(self._await(tick))
-            if not any(scan.fast for scan in self._scans.values()):  # a run without pause would spin on nothing
+            if not any(scan.fast for scan in self._scans.values()):  # without pause the loop would never wait
                 raise StartRefused(f"{self.context.name}: it knows none of the signals that are read on every tick")
             tell_late(self.context)
             yield from self.watched(self._meet_new_tools())
@@ -269,7 +258,7 @@ class Sampler:
         return tick
 
     def watched(self, steps: Steps[T]) -> Steps[T]:
-        """`steps`, with what the host is late in them noted."""
+        """Run `steps` and note the host's delays."""
         self._standstill.late_s = 0.0
         try:
             return (yield from self._standstill.watch(steps, self.context.now))
@@ -299,7 +288,7 @@ class Sampler:
         return following
 
     def _skip(self, first: int, end: int) -> None:
-        """Account for ticks that nobody could run: rows of `skipped`, and none of those in which the host stood still."""
+        """Account for missed ticks: rows of `skipped`, except for those within a standstill."""
         missed = [tick for tick in range(first, end) if not self.is_over(tick)]
         late = [tick for tick in missed if not self._standstill.covers(self.grid.due(tick))]
         for tick in late:
@@ -313,7 +302,7 @@ class Sampler:
             self._slow.add(len(late) - by_host, self.grid.due(late[0]), self.context.now)
 
     def _leave_out(self, ticks: Sequence[int]) -> None:
-        """Account for the ticks in which the host stood still, so that nobody knows what they were: an event for each time."""
+        """Account for the ticks of each standstill, which have no rows, by an event."""
         self.context.facts.skipped += len(ticks)
         for begin, end in self._standstill.spans:
             count = sum(begin < self.grid.due(tick) <= end for tick in ticks)
@@ -327,7 +316,7 @@ class Sampler:
             self._busy.add(ticks, self.grid.due(first), self.context.now)
 
     def _tell_skipped(self, *, is_over: bool = False) -> None:
-        """Tell what the computer and what the station made it skip, each once it is quiet again, or at the end."""
+        """Report the ticks skipped by the computer and by the station, each after a pause, or at the end."""
         period_s = self.grid.period_s
         if self._busy.is_to_be_told(self.context.now) or (is_over and self._busy.ticks):
             busy, self._busy = self._busy, Busy()
@@ -338,8 +327,6 @@ class Sampler:
 
     def _tell_late(self, kind: str, late: Busy, text: str) -> None:
         self.context.note(kind, Severity.WARNING, text, since=late.since, value=late.ticks, raw=f"late_s={late.late_s:.3f}")
-
-    # -- one tick -----------------------------------------------------------------------------------------------------
 
     def _tick(self, tick: int) -> Steps[None]:
         due = self.grid.due(tick) if self.paced else None
@@ -363,9 +350,9 @@ class Sampler:
             raise self._ending
 
     def _take_fast(self, scan: Scan) -> Steps[None]:
-        """The fast readings of one port. Where the run is ended in between, they are finished first.
+        """Read the fast signals of one port. If the run is ended meanwhile, finish them first.
 
-        A driver ends a run once. A row half read helps nobody, and would count as loss what nobody lost.
+        A driver ends a run once, and half a row would count as loss.
         """
         for probe in scan.fast:
             if self._ending is not None and self.context.now > self._finish_by:
@@ -373,12 +360,12 @@ class Sampler:
             try:
                 yield from self._scanner.take(probe, scan)
             except RunEnded as end:
-                self._ending = end  # and kept, whatever becomes of the readings that are left
+                self._ending = end  # also if a remaining reading fails
                 self._finish_by = self.context.now + FINISH_S
                 yield from self._scanner.take(probe, scan)
 
     def _take_slow(self, tick: int) -> Steps[None]:
-        """Slow readings, most urgent first, while the wire has room; without a grid, or behind it, one after each scan."""
+        """Read slow signals, most urgent first, while there is time; without a grid, or behind it, one after each scan."""
         following = self.grid.due(tick + 1) if self.paced else math.inf
         while (slow := self.slow.next(self.context.now, following)) is not None:
             probe, scan = self._probes[slow.reading.name, slow.reading.port], self._scans[slow.reading.port]
@@ -392,9 +379,9 @@ class Sampler:
                 return
 
     def read_flags_once_more(self) -> Steps[None]:
-        """Read the alarm flags after the last tick: what was raised since they were last read is told, not lost.
+        """Read the alarm flags after the last tick, so that none is lost.
 
-        No row holds it; what they say is an event. Called once the tools are in their safe state.
+        The result is an event, not a row. Called once the tools are in their safe state.
         """
         for scan in self._scans.values():
             probe = self._probes.get(("alarm_high", scan.port.number))
@@ -408,24 +395,22 @@ class Sampler:
                 if isinstance(word, tuple):
                     scan.alarms.read(word, self.context.now)
 
-    # -- ticks that cannot be asked --------------------------------------------------------------------------------------
-
     def miss(self, tick: int, why: str) -> None:
-        """Write the rows of a tick at which nothing was asked."""
+        """Write the rows of a tick without requests."""
         for scan in self._scans.values():
             self._scanner.begin(scan, tick)
         for scan in self._scans.values():
             self._scanner.finish(scan, why, self.grid.due(tick))
 
     def begin_outage(self, tick: int) -> None:
-        """`tick` was the last that could be asked. Without a grid the ticks of an outage follow it as scans would have."""
+        """Note that `tick` was the last before an outage. Without a grid its ticks follow at the pace of the scans."""
         if not self.paced:
             self.grid = Grid(self.context.now - tick * self.grid.period_s, self.grid.period_s)
 
     def miss_until(self, tick: int, now: float, why: str) -> int:
-        """Write the rows of every tick due by `now`, slow readings included; give the first tick after them.
+        """Write the rows of every tick due by `now`, slow readings included; return the first tick after them.
 
-        Those in which the host stood still have none.
+        Ticks within a standstill have none.
         """
         left_out = []
         while self.grid.due(tick) <= now and not self.is_over(tick):
@@ -451,16 +436,14 @@ class Sampler:
         self._standstill.spans.clear()
         return tick
 
-    # -- the account -----------------------------------------------------------------------------------------------------
-
     def account(self) -> None:
-        """Put what was due, and what was got of it, into the facts."""
+        """Put the numbers of due and obtained readings into the facts."""
         facts = self.context.facts
         self._tell_skipped(is_over=True)
         facts.worst_slow_periods = round(self.slow.worst_periods, 2)
         for (name, port), probe in self._probes.items():
             due = facts.due.setdefault(str(port), {})
-            due[name] = due.get(name, 0) + probe.due  # counters have been read before, too
+            due[name] = due.get(name, 0) + probe.due  # counters were read before as well
             if not probe.reading.columns and probe.reading.counter is None:
                 ok = probe.due - sum(probe.missed.values())
                 facts.watched.setdefault(str(port), {})[name] = {"due": probe.due, "ok": ok, **probe.missed}

@@ -1,7 +1,7 @@
-"""One tick of one station: every due reading asked, every one accounted for, one row a port.
+"""One tick of one station: every due reading requested and accounted for, one row for each port.
 
-What could not be read is null with a reason. What would stop a run, counts something, or cannot well be, is asked again
-before it is believed (`readings.py`).
+A missing value is null with a reason. A value that would stop a run, a counter, and an implausible value are read again before they
+are accepted (`readings.py`).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from jbclog.session.scheduler import Reading
 
 WIDTH = len(SAMPLE_COLUMNS)
 SKIPPED = "skipped"
-EXPECTED = frozenset(  # told by other events, or none
+EXPECTED = frozenset(  # reported by other events, or not at all
     {"no_tool", "no_thermocouple", "not_counting", NO_DIGIT, SKIPPED, LinkError.reason, "robot_off"}
 )
 
@@ -52,7 +52,7 @@ def _differs_from_counted(name: str) -> Doubt:
 
 
 def _leaps(name: str) -> Doubt:
-    """A temperature that no tool gets to from where it was when last read. The first has nothing to be held against."""
+    """Return a check for a temperature too far from the last one, or without one to compare with."""
 
     def doubt(context: SessionContext, port: PortState, value: Value) -> bool:
         before = port.temperatures_c.get(name)
@@ -65,7 +65,7 @@ _jumps = _leaps("temperature_c")
 
 
 def _decides(context: SessionContext, port: PortState, value: Value) -> bool:
-    """A tip temperature that leaps, with which alarms begin to count, or that would bear one out."""
+    """Whether a tip temperature leaps, makes alarms begin to count, or would confirm one."""
     if _jumps(context, port, value) or not isinstance(value, int):
         return True
     return arrives(context, port, value) or bears_out(context, port, value)
@@ -89,7 +89,7 @@ DOUBTS: dict[str, Doubt] = {
 
 @dataclass(slots=True)
 class Probe:
-    """A reading with everything that its answer needs, and how it fared so far."""
+    """A reading with everything needed to process its answer, and its statistics."""
 
     reading: Reading
     question: PreparedRead
@@ -101,7 +101,7 @@ class Probe:
     due: int = 0
     missed: dict[str, int] = field(default_factory=dict)
     failing: bool = False
-    is_known: bool = False  # it was answered, once at least
+    is_known: bool = False  # answered at least once
     is_lacking: bool = False  # the station does not have it
 
     @classmethod
@@ -117,7 +117,7 @@ class Probe:
 
 @dataclass(slots=True)
 class Scan:
-    """One port in one tick: its row as it fills."""
+    """One port in one tick, with its row."""
 
     port: PortState
     fast: list[Probe]
@@ -131,7 +131,7 @@ class Scan:
 
 
 class Scanner:
-    """Reads into rows. `due` is the moment at which the tick was due; None where there is no grid."""
+    """Reads into rows. `due` is when the tick was due; None without a grid."""
 
     def __init__(self, context: SessionContext) -> None:
         self._context = context
@@ -145,9 +145,9 @@ class Scanner:
         scan.no_tool = is_no_tool(self._context, scan.port)
 
     def take(self, probe: Probe, scan: Scan) -> Steps[None]:
-        """Ask one reading; put it where it belongs, or the reason why there is none.
+        """Read one value; store it, or the reason why there is none.
 
-        Raises what ends the asking altogether: `LinkError`, `StationSilent`, `RobotModeOff`, and the run's end.
+        Raises what makes further requests impossible: `LinkError`, `StationSilent`, `RobotModeOff`, and the run's end.
         """
         probe.due += 1
         if scan.first_sent is None:
@@ -167,7 +167,7 @@ class Scanner:
             self.unread(probe, scan, why, sent=not isinstance(error, Refusal), told=str(error) if why == error.reason else "")
             if isinstance(error, LinkError | StationSilent | RobotModeOff):
                 raise
-        except BaseException:  # the run's end in mid-question: it may be asked once more, flags may not
+        except BaseException:  # the run's end in mid-request: it may be sent again, except for flags
             if probe.reading.command.sent_once:
                 self.unread(probe, scan, SKIPPED, sent=True)
             else:
@@ -177,7 +177,7 @@ class Scanner:
             scan.last_heard = probe.look.heard_at = self._station.heard
             try:
                 self._keep(probe, scan, value)
-            except Exception:  # a fault of this program: what does not stand in the row is not accounted for as read
+            except Exception:  # a fault of this program: without a value in the row it does not count as read
                 probe.due -= probe.place is None or scan.row[probe.place] is None
                 raise
         finally:
@@ -185,7 +185,7 @@ class Scanner:
                 scan.first_sent = self._station.first_sent
 
     def _lacks(self, probe: Probe, scan: Scan, error: NotSupported) -> None:
-        """A signal that was never answered is one that the station does not have: it is not due, and not asked again."""
+        """Handle NotSupported: a signal that was never answered does not exist; it is not due and not read again."""
         why = self._why_unread(probe, scan, error)
         if probe.is_known or scan.no_tool or why != error.reason:
             self.unread(probe, scan, why)
@@ -196,7 +196,7 @@ class Scanner:
         self._context.not_supported.add(probe.reading.name)
 
     def _why_unread(self, probe: Probe, scan: Scan, error: StationError | LinkError) -> str:
-        """The reason; a station that refuses or garbles what means nothing at the moment is not at fault for that."""
+        """Return the reason; a station may refuse or garble what means nothing at the moment."""
         meaningless = isinstance(error, Refusal | ImplausibleAnswer) and void(probe.reading.name, scan.port, self._context)
         return meaningless or error.reason
 
@@ -221,9 +221,9 @@ class Scanner:
             self._count(probe, value)
 
     def unread(self, probe: Probe, scan: Scan, why: str, *, sent: bool = False, told: str = "") -> None:
-        """Account for a due reading that gave nothing; `sent` where the station may have given an answer that was lost.
+        """Account for a due reading without a value; `sent`: the station may have sent an answer that was lost.
 
-        `told` is what was met, for the event.
+        `told` is the error's text, for the event.
         """
         probe.missed[why] = probe.missed.get(why, 0) + 1
         for column in probe.reading.columns:
@@ -233,7 +233,7 @@ class Scanner:
         if probe.reading.name == "alarm_high" and sent:
             scan.alarms.lost(self._context.now, why)
         if why not in EXPECTED and not probe.failing:
-            probe.failing = True  # one event for a series of failures; each is in the rows
+            probe.failing = True  # one event for a series of failures; the rows have each
             self._context.note(f"read.{why}", Severity.WARNING, _sentence(probe, why), port=probe.port.number, raw=told or None)
 
     def _count(self, probe: Probe, value: Value) -> None:
@@ -248,7 +248,7 @@ class Scanner:
             context.journal.counter(CounterRow(time, context.name, probe.port.number, counter.name, value, counter.unit, raw))
 
     def finish(self, scan: Scan, unasked: str, due: float | None) -> None:
-        """Write the row: what was not even asked, the times, the quality."""
+        """Write the row: readings not even requested, the times, the quality."""
         row, reasons = scan.row, scan.reasons
         for probe in scan.fast:
             if row[probe.place or 0] is None and probe.reading.name not in reasons:

@@ -1,14 +1,14 @@
-"""One setting on one station, and the list of all that a run may write.
+"""Writes one setting on one station, and lists everything that a run may write.
 
-A setting is idempotent, so one that was not taken is written again, `REPEATS` times at the most:
+A setting is idempotent, so a failed write is repeated, `REPEATS` times at most:
 
-1. A refusal is final, unless it says that the write was not understood (N 1, N 2). What was understood is not asked twice.
-2. It is written again where two answers say that the value from before still stands. A third value is a mismatch.
-3. Where no answer can be had, it is written again once the line has answered something else; not so what can heat
-   (`recipe.order.CAN_HEAT`): that is never written again without those two answers.
-4. Nothing is written again once the run is to end: its end is thrown into the session and goes through here.
+1. A refusal is final, unless the write was not understood (N 1, N 2).
+2. It is repeated if two answers have the value from before. A third value is a mismatch.
+3. If it cannot be read back, it is repeated once the link has answered another request; a setting that can heat
+   (`recipe.order.CAN_HEAT`) is not: it is never repeated without those two answers.
+4. Nothing is repeated once the run is ending: `RunEnded` passes through here.
 
-Each write that was followed by another is a row of `settings` (``repeated``), an event and a count of the station's facts.
+Each repeated write is a row of `settings` (``repeated``), an event and a count in the station's facts.
 """
 
 from __future__ import annotations
@@ -23,21 +23,18 @@ from jbclog.config.recipe_settings import condition_of, settings_for, station_se
 from jbclog.core.errors import LinkError, NotReceived, Refusal, StartRefused, StationError, WriteForbidden
 from jbclog.core.io_requests import RunEnded, Steps, Wait
 from jbclog.core.quantities import Value, text_of
-from jbclog.core.rows import SettingRow, Severity
+from jbclog.core.rows import SettingOutcome, SettingRow, Severity
 from jbclog.protocol.client.confirmed_reads import SETTLE_S
 from jbclog.protocol.client.interface import Permit
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.identify import Absent
 
-# -- writes -------------------------------------------------------------------------------------------------------------------
-# All that a run can write, as one table; anything else is refused before a byte of it is sent.
+# Everything that a run can write is in this table. The client of a run's station calls `permit` before each write; a command
+# that is not listed, or another value than the recipe's or a safe state's, ends the run of that station as a fault of this program
+# (`WriteForbidden`), its tools made safe.
 #
-# Settings that nobody asked to change are never changed. That is not left to the chapters that write: the client of a
-# run's station asks here first (`permit`), and what is not on the list, or carries another value than the recipe's or a
-# safe state's, ends the run of that station as a fault of this program (`WriteForbidden`), its tools made safe.
-#
-# A guard and `jbclog safe` write `stop_feeding` and the safe states of `status`, and nothing else (`session/safety/secure.py`).
+# A guard and `jbclog safe` write only `stop_feeding` and the safe states of `status` (`session/safety/secure.py`).
 
 SETTING: Final = "before sampling, where the station holds another: the recipe's `{key}`"
 
@@ -50,11 +47,11 @@ WRITES: Final[Mapping[str, str]] = MappingProxyType(
         "store_condition": "with `--allow-omega-write`, where the controller holds another: the recipe's `[omega]`",
     }
 )
-"""Command -> when a run writes it, and whose value. A command that is not here is never written by a run."""
+"""Command -> when a run writes it, and whose value. Any other command is never written by a run."""
 
 
 def listed(context: SessionContext) -> Permit:
-    """What `context`'s client asks before each write: raises `WriteForbidden` for what the run may not send."""
+    """Return the check before each write of `context`'s client: raises `WriteForbidden` for what the run may not send."""
 
     def permit(command: Command, value: Value, port: int | None, tool: int | None) -> None:
         if command.name not in WRITES:
@@ -67,7 +64,7 @@ def listed(context: SessionContext) -> Permit:
 
 
 def _values(context: SessionContext, command: Command, port: int | None) -> Iterator[Value]:
-    """The values that may be written there."""
+    """Yield the values that may be written."""
     if command.name == "status":
         yield from _states(context, port)
     elif command.name == "stop_feeding":
@@ -81,7 +78,7 @@ def _values(context: SessionContext, command: Command, port: int | None) -> Iter
 
 
 def _states(context: SessionContext, number: int | None) -> Iterator[Value]:
-    """The word of the start, and those that make the tool safe."""
+    """Yield the word of the start, and those that make the tool safe."""
     status, port = context.family.status, context.ports.get(number or 0)
     if port is None:
         return
@@ -101,7 +98,7 @@ def _settings(context: SessionContext, command: Command, port: int | None) -> It
 
 
 def _is_its_tool(context: SessionContext, port: int | None, tool: int | None) -> bool:
-    """Whether the port is one of this run's, and the tool the one that is connected there."""
+    """Whether the port is one of this run's, and the tool the one connected to it."""
     if port is None:
         return tool is None
     state = context.ports.get(port)
@@ -113,15 +110,13 @@ def _title(context: SessionContext, command: Command, port: int | None) -> str:
     return f"{context.name}: {name if port is None else f'{name} of port {port}'}"
 
 
-# -- setting ------------------------------------------------------------------------------------------------------------------
-
 ROBOT_MODE_OFF: Final = ", Robot mode is off, although it answers reads; switch it on in the station's menu"
 REPEATS: Final = 3
 
 
 @dataclass(slots=True)
 class _Try:
-    """What became of one write: what was read back (None: nothing), and what went wrong with either."""
+    """The result of one write: the value read back (None: not known), and the errors of either."""
 
     found: Value | None = None
     lost: StationError | None = None
@@ -146,7 +141,7 @@ def read_setting(context: SessionContext, command: Command, port: PortState | No
 
 
 def _place(command: Command, port: PortState | None) -> tuple[int | None, int | None]:
-    """Port and tool as the command's code wants them."""
+    """Return port and tool for the command's code."""
     if port is None or command.scope is Scope.STATION:
         return None, None
     return port.number, port.tool if command.scope is Scope.TOOL else None
@@ -161,14 +156,14 @@ def keep_row(
     context: SessionContext,
     command: Command,
     port: PortState | None,
-    outcome: str,
+    outcome: SettingOutcome,
     *,
     requested: str | None = None,
     written: str | None = None,
     readback: str | None = None,
     nak: int | None = None,
 ) -> None:
-    """Put a row of `settings` into the record."""
+    """Record a row of `settings`."""
     tool = context.tool_text(port.tool) if port and command.scope is Scope.TOOL else None
     time, number = context.utc.micros(context.now), port.number if port else None
     row = SettingRow(time, context.name, number, tool, command.name, command.unit, requested, written, readback, nak, outcome)
@@ -176,28 +171,28 @@ def keep_row(
 
 
 def touch(context: SessionContext, port: PortState | None) -> None:
-    """Say that this run may have changed the port, or the feeder: it is made safe at the end."""
+    """Note that this run may change the port, or the feeder, which is then made safe at the end."""
     if port is None:
         news, context.feeder_touched = not context.feeder_touched, True
     else:
         news, port.touched = port.number not in context.facts.touched, True
     if news:
-        context.publish()  # a guard and a recovery must know which tools may be hot, before they are
+        context.publish()  # guard and recovery must know hot tools before they are hot
 
 
 def write_setting(context: SessionContext, command: Command, value: Value, port: PortState | None) -> Steps[None]:
-    """Write until it is read back as asked. Raises `StartRefused` where it is not, `Absent` where the link breaks.
+    """Write until the value is read back. Raises `StartRefused` where it is not, `Absent` where the link breaks.
 
-    What is broken off in between may or may not have been done.
+    After an exception the write may or may not have been executed.
     """
     before, requested = (context.held if port is None else port.held).get(command.name), text_of(value)
     if before is not None:
-        keep_row(context, command, port, "read", readback=text_of(before))  # what it was is nowhere else, once it is overwritten
+        keep_row(context, command, port, SettingOutcome.READ, readback=text_of(before))  # the only record of the previous value
     touch(context, port)
     try:
         yield from _write(context, command, value, port, before)
     except (LinkError, RunEnded) as error:
-        keep_row(context, command, port, "unconfirmed", requested=requested, written=requested)
+        keep_row(context, command, port, SettingOutcome.UNCONFIRMED, requested=requested, written=requested)
         if isinstance(error, RunEnded):
             raise
         raise Absent(_failed(context, command, port, value, before, f"it could not be read back ({error})")) from error
@@ -210,7 +205,7 @@ def _write(context: SessionContext, command: Command, value: Value, port: PortSt
             _refuse(context, command, value, port, before, one, number)
         if one.found is not None and _is_same(context, command, one.found, value):
             context.written.append(f"{title_of(command, port)} {command.shown(value)} (was {_shown(command, before)})")
-            _end(context, command, value, port, "confirmed", one)
+            _end(context, command, value, port, SettingOutcome.CONFIRMED, one)
             return
         if number > REPEATS or not (yield from _may_repeat(context, command, one, before)):
             _refuse(context, command, value, port, before, one, number)
@@ -218,7 +213,7 @@ def _write(context: SessionContext, command: Command, value: Value, port: PortSt
 
 
 def _try(context: SessionContext, command: Command, value: Value, port: PortState | None) -> Steps[_Try]:
-    """Write once and read back: a lost acknowledgement is settled by the reading. A refusal that was meant needs none."""
+    """Write once and read back; the read-back decides even after a lost acknowledgement. A refusal needs none."""
     one = _Try()
     try:
         yield from context.station.write(command, value, *_place(command, port), once=True)
@@ -234,7 +229,7 @@ def _try(context: SessionContext, command: Command, value: Value, port: PortStat
 
 
 def _may_repeat(context: SessionContext, command: Command, one: _Try, before: Value | None) -> Steps[bool]:
-    """Whether the line has settled, and what stands there is what stood before; of what cannot heat, whether it may stand."""
+    """Whether the link has settled and the previous value still stands; for a setting that cannot heat, whether it may stand."""
     if one.found is not None:
         if one.found != before:
             return False
@@ -255,14 +250,16 @@ def _is_same(context: SessionContext, command: Command, found: Value, value: Val
     if command.name != "status" or not isinstance(found, tuple) or not isinstance(value, tuple):
         return False
     status = context.family.status
-    is_suction_free = context.recipe.suction == "keep"  # it was not asked for: whoever switches it meanwhile may
+    is_suction_free = context.recipe.suction == "keep"  # not set by the recipe: anybody may switch it
     return status.confirms(found, value) and (is_suction_free or status.sucks(found) == status.sucks(value))
 
 
-def _end(context: SessionContext, command: Command, value: Value, port: PortState | None, outcome: str, one: _Try) -> None:
-    """The row of the last write, and what is held now as far as it is known."""
+def _end(
+    context: SessionContext, command: Command, value: Value, port: PortState | None, outcome: SettingOutcome, one: _Try
+) -> None:
+    """Record the last write, and note the held value as far as it is known."""
     readback = None if one.found is None else text_of(one.found)
-    nak = one.nak if outcome == "refused" else None
+    nak = one.nak if outcome == SettingOutcome.REFUSED else None
     keep_row(context, command, port, outcome, requested=text_of(value), written=text_of(value), readback=readback, nak=nak)
     if one.found is not None:
         (context.held if port is None else port.held)[command.name] = one.found
@@ -271,14 +268,17 @@ def _end(context: SessionContext, command: Command, value: Value, port: PortStat
 def _refuse(
     context: SessionContext, command: Command, value: Value, port: PortState | None, before: Value | None, one: _Try, number: int
 ) -> NoReturn:
-    """Raise `StartRefused`: it is not what was asked, for a reason, after so many writes."""
+    """Raise `StartRefused` with the reason and the number of writes."""
     if one.nak is not None and one.found in (None, before):
-        outcome, why = "refused", f"the station refused it with N {one.nak:05d}{ROBOT_MODE_OFF if one.nak == 5 else ''}"
+        outcome, why = (
+            SettingOutcome.REFUSED,
+            f"the station refused it with N {one.nak:05d}{ROBOT_MODE_OFF if one.nak == 5 else ''}",
+        )
         one.found = None
     elif one.found is None:
-        outcome, why = "unconfirmed", f"it could not be read back ({one.unread})"
+        outcome, why = SettingOutcome.UNCONFIRMED, f"it could not be read back ({one.unread})"
     else:
-        outcome, why = "mismatch", f"{command.shown(one.found)} was read back"
+        outcome, why = SettingOutcome.MISMATCH, f"{command.shown(one.found)} was read back"
     _end(context, command, value, port, outcome, one)
     why += "" if one.is_meant else f", in {number} write{'' if number == 1 else 's'}"
     error = _failed(context, command, port, value, before, why)
@@ -298,7 +298,10 @@ def _shown(command: Command, before: Value | None) -> str:
 
 def _tell_repeated(context: SessionContext, command: Command, value: Value, port: PortState | None, one: _Try, number: int) -> None:
     readback = None if one.found is None else text_of(one.found)
-    keep_row(context, command, port, "repeated", requested=text_of(value), written=text_of(value), readback=readback, nak=one.nak)
+    requested = text_of(value)
+    keep_row(
+        context, command, port, SettingOutcome.REPEATED, requested=requested, written=requested, readback=readback, nak=one.nak
+    )
     context.facts.settings_repeated += 1
     stands = "it could not be read back" if one.found is None else f"{command.shown(one.found)} still stands"
     lost = "acknowledged" if one.lost is None else str(one.lost)

@@ -7,9 +7,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from jbclog.core.errors import JbclogError, LinkError, LinkFlooded, StartRefused, StationError, cause, unexpected_error_text
 from jbclog.core.io_requests import START_STEPS, Gather, LeftOut, NotStarted, RunEnded, Steps
 from jbclog.core.rows import Journal, NoJournal, Severity, StationFacts
+from jbclog.core.states import StationOutcome
 from jbclog.session.run.apply import apply, apply_status, examine
 from jbclog.session.run.condition import bring_condition, check_condition, look_at_condition
 from jbclog.session.run.context import EXAMINED, HEATED, PREPARED, SessionContext
@@ -22,12 +25,9 @@ from jbclog.session.run.setting import listed
 from jbclog.session.run.watch import OBSERVERS, SettingChanged, compare_countdowns, is_at_work, read_counters, told_text
 from jbclog.session.scheduler import Grid
 
-# -- provisos -----------------------------------------------------------------------------------------------------------------
-# What the samples rest on and must be known before the first of them: errors that make a signal meaningless.
-
 
 def learn_provisos(context: SessionContext) -> Steps[None]:
-    """Read the port errors, and tell them, where one of them voids a signal (docs/reference/contradictions.md, B-44).
+    """Read the port errors and report them, where one of them voids a signal (docs/reference/contradictions.md, B-44).
 
     Raises `LinkError` or `StationError` where the station does not answer.
     """
@@ -38,24 +38,22 @@ def learn_provisos(context: SessionContext) -> Steps[None]:
         OBSERVERS["port_error"](context, port, error)
 
 
-# -- start --------------------------------------------------------------------------------------------------------------------
-# The start of a station's run, in three steps, each of them done on all stations before the next begins on any.
+# The start has three steps, each finished on all stations before the next begins on any:
 #
-# 1. Read and check everything: who answers, its tools, the rate, its settings, limits, cooling. Nothing is written.
+# 1. Read and check everything: identity, tools, rate, settings, limits, cooling. Nothing is written.
 # 2. Write what cannot heat (`recipe.order.CANNOT_HEAT`).
 # 3. Write what can: setpoints, then the tools' status.
 #
-# A station that fails in the first step is the end of a start that has written nothing. In the others no setting is rolled back:
-# what was written is named, and each tool that was touched goes to its safe state (`station_run.py`); before the third step one
-# that rests already is left alone, because an order could heat it. The counters come last, while the tools warm up: nothing depends
-# on them. The sessions know nothing of each other: they wish to wait (`effects.Gather`), and the driver answers when all are there,
-# or throws `NotStarted`.
+# If a station fails in the first step, nothing was written anywhere. Later no setting is rolled back: written settings are
+# named, and each touched tool goes to its safe state; before the third step a resting tool is left alone, because an order
+# could heat it. Counters are read last, while the tools warm up, because nothing depends on them. Sessions do not know each
+# other: they yield `Gather`, and the driver resumes all together, or throws `NotStarted`.
 
 
 def start(context: SessionContext) -> Steps[Pace]:
-    """Bring the station to its recipe, together with all others of the run; give the rate at which it is sampled.
+    """Bring the station to its recipe, in step with the run's other stations; return its pace.
 
-    Raises `StartRefused` where this station fails, `NotStarted` where another does, `LeftOut` where it was waited for in vain.
+    Raises `StartRefused` where this station fails, `NotStarted` where another does, `LeftOut` where it took too long.
     """
     yield from identify(context)
     pace = choose_pace(context)
@@ -84,7 +82,7 @@ def _wait_for_others(context: SessionContext, step: int) -> Steps[None]:
 
 
 def tell_failure(context: SessionContext) -> Steps[None]:
-    """Let the others know that this station does not start; it does not wait for them."""
+    """Notify the other sessions that this station does not start; it does not wait for them."""
     try:
         context.station.unasked((yield Gather(context.step, context.facts.reason)))
     except RunEnded:
@@ -101,42 +99,44 @@ def _ready_text(context: SessionContext) -> str:
     return f"{facts.model} {answers}, tools: {tools}"
 
 
-# -- station run --------------------------------------------------------------------------------------------------------------
-
-SEVERITY = {"not_started": Severity.WARNING, "left_out": Severity.WARNING}  # of how a station ended, but for errors
+SEVERITY: Mapping[str, Severity] = {
+    StationOutcome.NOT_STARTED: Severity.WARNING,
+    StationOutcome.LEFT_OUT: Severity.WARNING,
+}  # else error
 
 
 def run_station(context: SessionContext) -> Steps[StationFacts]:
-    """Run one station to its end and give what is known of it. Its tools are safe on every way out, or the facts say not.
+    """Run one station to its end and return its facts. Its tools are safe on every way out, or the facts name those that are not.
 
-    Never raises for what a station or a link does; `facts.outcome` and `facts.reason` tell it.
+    Errors of station and link are not raised; `facts.outcome` and `facts.reason` have them.
     """
     facts = context.facts
     context.station.permit = listed(context)
-    context.station.now = context.order.t0  # until it is told a later one: an end can come before anything else
+    context.station.now = context.order.t0  # until the first result: the run can end before it
     try:
         yield from _record(context)
-        facts.outcome = "completed"
+        facts.outcome = StationOutcome.COMPLETED
     except NotStarted as others:
-        facts.outcome, facts.reason = "not_started", f"{context.name}: it was ready; the run did not start because of {others}"
+        facts.outcome = StationOutcome.NOT_STARTED
+        facts.reason = f"{context.name}: it was ready; the run did not start because of {others}"
     except LeftOut as why:
-        facts.outcome, facts.reason = "gone", f"{context.name}: {why}"
+        facts.outcome, facts.reason = StationOutcome.GONE, f"{context.name}: {why}"
     except RunEnded as end:
         facts.outcome, facts.reason = _ended(context, str(end))
     except (Absent, Gone) as error:
-        facts.outcome, facts.reason = "gone", str(error)
+        facts.outcome, facts.reason = StationOutcome.GONE, str(error)
     except StartRefused as error:
-        facts.outcome, facts.reason = "refused", str(error)
+        facts.outcome, facts.reason = StationOutcome.REFUSED, str(error)
     except SettingChanged as error:
-        facts.outcome, facts.reason = "stopped", str(error)
+        facts.outcome, facts.reason = StationOutcome.STOPPED, str(error)
     except (LinkError, StationError) as error:
         if isinstance(error, LinkFlooded):
             tell_flood(context, error)
-        facts.outcome, facts.reason = "gone", f"{context.name}: {error}"
+        facts.outcome, facts.reason = StationOutcome.GONE, f"{context.name}: {error}"
     except Exception as error:
         _fail(context, error)
     context.tries = 1
-    if not context.has_started and facts.outcome != "completed":
+    if not context.has_started and facts.outcome != StationOutcome.COMPLETED:
         yield from _give_up(context)
     try:
         yield from _close(context)
@@ -146,23 +146,23 @@ def run_station(context: SessionContext) -> Steps[StationFacts]:
 
 
 def _give_up(context: SessionContext) -> Steps[None]:
-    """This station does not start: say what was written, and let the others know. One that may be missing is left out."""
+    """Handle a station that does not start: report what was written, and notify the others. A dispensable one is left out."""
     facts = context.facts
     if context.written:
         facts.reason += f"; written before that and left as it is: {', '.join(context.written)}"
-    if facts.outcome in ("gone", "refused"):
+    if facts.outcome in (StationOutcome.GONE, StationOutcome.REFUSED):
         facts.reason += f" (step {context.step} of {START_STEPS} of the start)" if context.step > 1 else ""
-        facts.outcome = "left_out" if context.order.may_be_missing else facts.outcome
+        facts.outcome = StationOutcome.LEFT_OUT if context.order.may_be_missing else facts.outcome
     yield from tell_failure(context)
 
 
-def _ended(context: SessionContext, why: str) -> tuple[str, str]:
-    """Outcome and reason of a station whose run was ended. One that had no time to answer is not away."""
+def _ended(context: SessionContext, why: str) -> tuple[StationOutcome, str]:
+    """Return outcome and reason of a station whose run was ended. One without time to answer does not count as gone."""
     if context.connected:
-        return "completed", why
+        return StationOutcome.COMPLETED, why
     if context.facts.first_tick is None:
-        return "completed", f"{context.name}: {why} before it had answered"
-    return "gone", f"{context.name}: away when the run was ended"
+        return StationOutcome.COMPLETED, f"{context.name}: {why} before it had answered"
+    return StationOutcome.GONE, f"{context.name}: away when the run was ended"
 
 
 def _record(context: SessionContext) -> Steps[None]:
@@ -177,7 +177,7 @@ def _record(context: SessionContext) -> Steps[None]:
 
 
 def _grid(context: SessionContext, pace: Pace) -> Grid:
-    """The grid of due times, from the run's zero on. That of a recorded run lies as it did to what came before it."""
+    """Return the grid of due times, from the run's zero. In a replay it lies as in the recording, relative to the last reads."""
     if not pace.paced:
         return Grid(context.now, pace.period_s)
     if context.order.begin is None:
@@ -212,8 +212,8 @@ def _close(context: SessionContext) -> Steps[None]:
 
 
 def _surely_make_safe(context: SessionContext) -> Steps[None]:
-    """Nothing ends this early: not the run's end, not a fault of the program, not a record that cannot be kept."""
-    journals: list[Journal] = [context.journal, NoJournal()]  # with which it is tried again
+    """Make the tools safe without interruption by the run's end, by a fault of the program or by a failed record."""
+    journals: list[Journal] = [context.journal, NoJournal()]  # for further tries
     while True:
         try:
             yield from make_safe(context)
@@ -229,15 +229,15 @@ def _surely_make_safe(context: SessionContext) -> Steps[None]:
 
 
 def _fail(context: SessionContext, error: Exception) -> None:
-    """A fault of this program, or of its record; it must not leave a tip hot."""
+    """Note a fault of this program, or of its record; it must not leave a tip hot."""
     known = isinstance(error, JbclogError)
-    context.facts.outcome = "failed"
+    context.facts.outcome = StationOutcome.FAILED
     context.facts.reason = str(error) if known else f"{context.name}: internal error, {unexpected_error_text(error)}"
 
 
 def _tell_end(context: SessionContext) -> None:
     facts = context.facts
-    good = facts.outcome == "completed"
+    good = facts.outcome == StationOutcome.COMPLETED
     if facts.reason or not good:
         severity = Severity.INFO if good else SEVERITY.get(facts.outcome, Severity.ERROR)
         context.note(f"station.{facts.outcome}", severity, f"{(facts.reason or facts.outcome).removeprefix(f'{context.name}: ')}.")

@@ -1,4 +1,4 @@
-"""What changes while a run goes on, and is reported once when it does."""
+"""Detects changes during a run, and reports each once."""
 
 from __future__ import annotations
 
@@ -15,14 +15,13 @@ from jbclog.protocol.commands.robot import ErrorTable
 from jbclog.protocol.commands.signals import UsageCounter
 from jbclog.session.run.context import PortState, SessionContext
 
-# -- counters -----------------------------------------------------------------------------------------------------------------
-# The hour and cycle counters, read whole at the start and at the end of a run; each counts when two answers say the same.
+# Hour and cycle counters are read at the start and at the end of a run; each needs two equal answers.
 
 
 def read_counters(context: SessionContext) -> Steps[None]:
-    """A row for every counter of every port; null with its reason where it could not be read.
+    """Record a row for every counter of every port; null with its reason where it cannot be read.
 
-    Raises `LinkError`, `StationSilent` or `RobotModeOff` where nothing can be read any more.
+    Raises `LinkError`, `StationSilent` or `RobotModeOff` where nothing more can be read.
     """
     for port in context.ports.values():
         for counter in context.family.counters:
@@ -58,26 +57,23 @@ def _keep(context: SessionContext, port: PortState, counter: UsageCounter, value
     context.journal.counter(CounterRow(time, context.name, port.number, counter.name, value, counter.unit, raw))
 
 
-# -- anomalies ----------------------------------------------------------------------------------------------------------------
-# What a station does otherwise than the manuals recommend: told once each, and what only a session can notice of it.
-#
-# A client takes other forms and counts them (`protocol/client/interface.py`); whoever holds the context tells
-# (`SessionContext.tell_anomalies`).
+# Anomalies that only a session can notice. The client counts the others (`protocol/client/interface.py`), and
+# `SessionContext.tell_anomalies` reports all of them.
 
 DELAY_UNIT, NO_COUNTDOWN = 20, 25  # B-numbers (docs/reference/contradictions.md)
-LATE_S, EARLY_S = 30, 5  # how far a countdown may be from a whole delay shortly after it began
+LATE_S, EARLY_S = 30, 5  # tolerance of a countdown shortly after its start
 
 
 def note_zero_countdown(context: SessionContext, port: PortState, value: Value) -> None:
-    """A time to sleep of 0 s where nothing counts down (docs/reference/contradictions.md, B-25)."""
+    """Note a time to sleep of 0 s where nothing counts down (docs/reference/contradictions.md, B-25)."""
     if value == 0:
         _meet(context, NO_COUNTDOWN, "time to sleep", port)
 
 
 def compare_countdowns(context: SessionContext, ports: Iterable[PortState]) -> Steps[None]:
-    """Hold the time to sleep against the sleep delay on `ports`, which were at work and have just been told to stand.
+    """Compare the time to sleep with the sleep delay on `ports`, which were at work and have just been put in stand.
 
-    Manuals give the delay in minutes, in seconds or without a unit; only this can tell (docs/reference/contradictions.md, B-20).
+    Manuals give the delay in minutes, in seconds or without a unit; only this can decide (docs/reference/contradictions.md, B-20).
     """
     if "time_to_sleep" not in context.family.commands or "delay_s" in context.not_supported:
         return
@@ -100,19 +96,15 @@ def _meet(context: SessionContext, number: int, what: str, port: PortState) -> N
     context.station.anomalies.meet(number, f"{what}, port {port.number}", context.station.data, port.number)
 
 
-# -- omega states -------------------------------------------------------------------------------------------------------------
-# OMEGA's states: told when they change, and what its controller says by itself.
-#
-# Solder that has run out and a clogged nozzle are errors from the reading on that shows them, and no longer one as soon as a
-# reading does not. That it prepares is told for information, and so is a temperature out of its range that lasts: each joint
-# takes it there for a moment, and that stands in the samples.
+# OMEGA's states are reported when they change. Solder shortage and a clogged nozzle are errors as long as readings show them.
+# Preparing is reported for information, and so is a temperature out of range, if it lasts: each joint causes that for a moment.
 
 LASTING_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class _State:
-    """One flag, a column of `samples`: what is told when it becomes true, and when it does no longer."""
+    """One flag, a column of `samples`: the events when it becomes true, and when it becomes false."""
 
     begins: str
     severity: Severity
@@ -132,7 +124,7 @@ OUT_OF_RANGE = "temperature.out_of_range"
 
 
 def _flags(signal: str, flags: Mapping[str, _State]) -> Callable[[SessionContext, PortState, Value], None]:
-    """Tell each change of the flags in the answers to `signal`; at the first reading those that are set."""
+    """Report each change of the flags in the answers to `signal`; at the first reading those that are set."""
 
     def observe(context: SessionContext, port: PortState, value: Value) -> None:
         before = port.states.get(signal)
@@ -149,7 +141,7 @@ def _flags(signal: str, flags: Mapping[str, _State]) -> Callable[[SessionContext
 
 
 def _in_range(context: SessionContext, port: PortState, value: Value) -> None:
-    """A temperature that has been out of its range for `LASTING_S`; `states` holds since when it is as it is."""
+    """Report a temperature out of range for `LASTING_S`; `states` has the present state and its begin."""
     before = port.states.get("in_range")
     is_in = value in TRUE_ANSWERS["in_range"]
     if before is None or before[0] != value:
@@ -171,11 +163,11 @@ OMEGA_OBSERVERS = {
 
 
 USUAL = {"solder_shortage": INFORMATION.names[0], "preparing": CONTROL.names[0]}
-"""What a state is taken to have been before the first reading of it."""
+"""Assumed states before the first reading."""
 
 
 def differs_from_last(name: str) -> Callable[[SessionContext, PortState, Value], bool]:
-    """Whether a state is another than at the last reading; where that is an error it is asked twice before it is believed."""
+    """Return a check whether a state differs from the last reading; such a state is read twice before it is accepted."""
 
     def doubt(_context: SessionContext, port: PortState, value: Value) -> bool:
         last = port.states.get(name)
@@ -187,7 +179,7 @@ def differs_from_last(name: str) -> Callable[[SessionContext, PortState, Value],
 
 
 def told_text(context: SessionContext) -> str:
-    """What this controller does not tell of its states, as sentences; nothing where it tells them all."""
+    """Describe the states that this controller does not report; empty where it reports all."""
     untold = [signal.command.replace("_", " ") for signal in context.family.signals if signal.name in context.not_supported]
     text = f" It does not answer {', '.join(untold)}: that is not due, and not known." if untold else ""
     if isinstance(context.station, OmegaStation) and context.station.without_digit:
@@ -196,7 +188,7 @@ def told_text(context: SessionContext) -> str:
 
 
 def tell_late(context: SessionContext) -> None:
-    """Tell what the controller has said by itself: that a joint is done which somebody else, or an earlier order, began."""
+    """Report unsolicited messages: a joint is completed that somebody else, or an earlier order, began."""
     if not isinstance(context.station, OmegaStation):
         return
     for said in context.station.completions:
@@ -206,14 +198,12 @@ def tell_late(context: SessionContext) -> None:
     context.station.completions.clear()
 
 
-# -- watch --------------------------------------------------------------------------------------------------------------------
-
-COOLS_WITHIN_S = 10.0  # a tip without heating is colder after this long, whatever it is
-BAND_C = 10  # ±10 °C around the setting counts as at temperature (docs/reference/exit-codes.md)
+COOLS_WITHIN_S = 10.0  # after this time a tip without heating is colder, whatever it is
+BAND_C = 10  # ±10 °C around the setpoint counts as at temperature (docs/reference/exit-codes.md)
 
 
 class SettingChanged(JbclogError):
-    """A setting was found changed and the recipe says to stop."""
+    """A setting has changed and the recipe says to stop."""
 
 
 Observe = Callable[[SessionContext, PortState, Value], None]
@@ -233,7 +223,7 @@ def _temperature(context: SessionContext, port: PortState, value: Value) -> None
 
 
 def arrives(context: SessionContext, port: PortState, value: int) -> bool:
-    """Whether alarms begin to count with this temperature: the tool is at work and has come to its setting."""
+    """Whether alarms begin to count with this temperature: the tool is at work and reaches its setpoint."""
     setting = context.set_c(port)
     if port.at_temperature or setting is None or not is_at_work(context, port):
         return False
@@ -241,13 +231,13 @@ def arrives(context: SessionContext, port: PortState, value: int) -> bool:
 
 
 def _enters(before: int | None, value: int, setting: float) -> bool:
-    """Whether the tool is within the band, or passed through it from one reading to the next."""
+    """Whether the tool is within the band, or crossed it between two readings."""
     passed = before is not None and (before < setting) != (value < setting)
     return passed or abs(value - setting) <= BAND_C
 
 
 def _stays_above(context: SessionContext, port: PortState, value: int, setting: float) -> bool:
-    """Whether a tip that was found hotter than its setting does not cool: one that runs away never comes into the band."""
+    """Whether a tip found hotter than its setpoint does not cool: a runaway tip never enters the band."""
     if value <= setting + BAND_C or port.found_above is None:
         return False
     since, then = port.found_above
@@ -255,7 +245,7 @@ def _stays_above(context: SessionContext, port: PortState, value: int, setting: 
 
 
 def _note_above(context: SessionContext, port: PortState, value: int) -> None:
-    """Keep since when a tip is hotter than its setting before it was there once, and how hot it was."""
+    """Note since when a tip is hotter than its setpoint before reaching it, and how hot it was."""
     setting = context.set_c(port)
     if port.at_temperature or setting is None or not is_at_work(context, port):
         return
@@ -274,12 +264,12 @@ def _temperature_of(name: str) -> Observe:
 
 
 def is_at_work(context: SessionContext, port: PortState) -> bool:
-    """Whether the tool was last seen at work."""
+    """Whether the last status is at work."""
     return port.status is not None and context.family.status.is_working(port.status)
 
 
 def counts(context: SessionContext, port: PortState) -> bool:
-    """Whether alarms count: while the tool is working, from its first entry into set ±10 °C on (docs/reference/exit-codes.md)."""
+    """Whether alarms count: while working, after first entering setpoint ±10 °C (docs/reference/exit-codes.md)."""
     return port.at_temperature and is_at_work(context, port)
 
 
@@ -298,7 +288,7 @@ def _status(context: SessionContext, port: PortState, word: Value) -> None:
 
 
 def _suction(context: SessionContext, port: PortState, *, is_on: bool) -> None:
-    """Two answers said so. The guard has to know: a safe order keeps what holds a part."""
+    """Note suction confirmed by two answers, and publish it for the guard: a safe order keeps suction that holds a part."""
     if port.has_suction != is_on:
         port.has_suction = is_on
         if context.family.status.has_suction:
@@ -314,12 +304,12 @@ def _set_temperature(context: SessionContext, port: PortState, value: Value) -> 
 
 
 def found_changed(context: SessionContext, port: PortState | None, name: str, before: str, found: str) -> None:
-    """Say that a setting is not what it was; raise `SettingChanged` where the recipe stops on that."""
+    """Report a changed setting; raise `SettingChanged` where the recipe stops on that."""
     stop_on(context, [tell_change(context, port, name, before, found)])
 
 
 def tell_change(context: SessionContext, port: PortState | None, name: str, before: str, found: str) -> str:
-    """Put a changed setting into the record; give it in words."""
+    """Record a changed setting; return its description."""
     place = "" if port is None else f" of port {port.number}"
     change = f"{name.replace('_', ' ')}{place} was found changed: {found} instead of {before}"
     text = f"The {change}. It was not written again."
@@ -345,7 +335,7 @@ WATCHED_SETTINGS = (
 
 
 def _watched(name: str) -> Observe:
-    """A setting without a column that is read again now and then."""
+    """Watch a setting without a column that is read periodically."""
 
     def observe(context: SessionContext, port: PortState, value: Value) -> None:
         before = port.held.get(name)
@@ -413,5 +403,5 @@ OBSERVERS: dict[str, Observe] = {
 
 
 def is_no_tool(context: SessionContext, port: PortState) -> bool:
-    """Whether the station last said that nothing is in `port`; its temperature then means nothing."""
+    """Whether the station last reported no tool in `port`, so that its temperature means nothing."""
     return context.family.is_empty(port.tool, port.error)

@@ -1,4 +1,4 @@
-"""Whether a tool is cold, or is seen to cool: by temperature and power, since a digit of the status alone proves neither."""
+"""Decides by temperature and power whether a tool is cold or cools: a digit of the status proves neither."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from jbclog.protocol.commands.command import Command
 from jbclog.session.safety.orders import in_time, is_reachable
 from jbclog.session.safety.tools import Task, Tool
 
-COOLING_AFTER_S = 1.0  # how long after the order an extractor state has to show in temperature or power
-IDLE_PERMILLE = 20  # a heater that gets less than this is off
-HEATING_PERMILLE = 200  # a tip that falls while its heater gets more than this is at a joint, and does not cool
-FALL_C = 2  # by so much a tip that cools has fallen then; one degree is within the noise of a reading
+COOLING_AFTER_S = 1.0  # time after the order in which the extractor state must show in temperature or power
+IDLE_PERMILLE = 20  # below it a heater is off
+HEATING_PERMILLE = 200  # above it a falling tip is at a joint and does not cool
+FALL_C = 2  # a cooling tip falls by this much; one degree is within the noise
 COLD_C = 60.0
 
 
 def is_cold(task: Task, tool: Tool) -> Steps[bool]:
-    """Whether nobody could burn himself at the tool and its heater is off, by two answers each."""
+    """Whether the tool is too cold to burn anyone and its heater is off, by two answers each."""
     found = yield from _heat(task, tool)
     has_both = bool(found.celsius) and bool(found.permille)
     return has_both and all(one <= COLD_C for one in found.celsius) and all(one <= IDLE_PERMILLE for one in found.permille)
 
 
 def watch(task: Task, tools: Sequence[Tool]) -> Steps[set[int]]:
-    """The ports of those tools that get colder, or whose heater is off: a digit of the status alone proves neither.
+    """Return the ports of those tools that cool down, or whose heater is off.
 
-    All are watched through the same second, and time is left for the orders to those that do not cool.
+    All are watched during the same second, and time is left for the orders to those that do not cool.
     """
     until, cooling, before = task.client.now + COOLING_AFTER_S, set[int](), dict[int, _Heat]()
     if not tools or until >= task.latest(len(tools)):
@@ -46,7 +46,7 @@ def watch(task: Task, tools: Sequence[Tool]) -> Steps[set[int]]:
 
 @dataclass(frozen=True, slots=True)
 class _Heat:
-    """Two temperatures and two powers of a tool; empty where they cannot be had. `tells_power`: the station knows the command."""
+    """Two temperatures and two powers of a tool; empty where not available. `tells_power`: the station has the command."""
 
     celsius: Sequence[float] = ()
     permille: Sequence[float] = ()
@@ -60,7 +60,7 @@ def _heat_by(task: Task, tool: Tool, end: float, *, with_power: bool = True) -> 
 
 
 def _heat(task: Task, tool: Tool, *, with_power: bool = True) -> Steps[_Heat]:
-    """What the tool tells of its heat, and of its heater."""
+    """Read temperature and heater power."""
     command = task.family.command_of("temperature_c")
     if command is None:
         return _Heat()
@@ -76,12 +76,12 @@ def _heat(task: Task, tool: Tool, *, with_power: bool = True) -> Steps[_Heat]:
         task.note_flood(flood)
         return _Heat(celsius)
     except LinkError:
-        task.is_proven = False  # whoever is there next has to say so first
+        task.is_proven = False  # whoever answers next must identify itself
         return _Heat(celsius)
 
 
 def _cools(before: _Heat, after: _Heat) -> bool:
-    """Whether the heater is off, or the tip falls and the heater does not work against it, by two answers each."""
+    """Whether the heater is off, or the tip falls without the heater working against it, by two answers each."""
     is_off = bool(after.permille) and all(permille <= IDLE_PERMILLE for permille in after.permille)
     pairs = [(then, now) for then in before.celsius for now in after.celsius]
     falls = bool(pairs) and all(now <= then - FALL_C for then, now in pairs)
@@ -90,9 +90,9 @@ def _cools(before: _Heat, after: _Heat) -> bool:
 
 
 def _two_of(task: Task, command: Command, tool: Tool) -> Steps[list[float]]:
-    """Two answers, one right after the other: they need not be equal, but what is made of them has to hold for both."""
+    """Read twice in a row: the answers may differ, but a conclusion must hold for both."""
     answers = []
     for _ in range(2):
         value = yield from task.client.read(command, tool.port)
-        answers.append(float(value) if isinstance(value, int | float) else math.nan)  # of which nothing holds
+        answers.append(float(value) if isinstance(value, int | float) else math.nan)  # NaN fails every comparison
     return answers

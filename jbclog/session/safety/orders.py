@@ -1,9 +1,8 @@
-"""Order a tool's safe state or the feeder's stop, and read it back, on a line that may break meanwhile.
+"""Order a tool's safe state or the feeder's stop, and read it back, on a link that may break meanwhile.
 
-What cannot be known is not taken for done: an order that was acknowledged and not read back is `SENT`, and what is read back
-counts when two answers say it. On a flooded link nothing that is heard proves anything: neither who is there nor what was done. A
-tool that stays hot is the worse of the two evils, so the order that needs no proof goes out all the same (`order_blindly`), and is
-`SENT`, never `VERIFIED`.
+Nothing counts as done without proof: an order acknowledged but not read back is `SENT`, and a read-back needs two equal
+answers. On a flooded link no answer proves anything, neither the identity nor the result. A tool that stays hot is worse, so the
+order that needs no proof is sent anyway (`order_blindly`), and is `SENT`, never `VERIFIED`.
 """
 
 from __future__ import annotations
@@ -13,21 +12,22 @@ from collections.abc import Sequence
 from jbclog.core.errors import AnswerTimeout, LinkError, LinkFlooded, NotReceived, Refusal, RobotModeOff, StationError
 from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Request, Steps, T, Wait, relay
 from jbclog.core.quantities import Value
+from jbclog.core.states import SafetyResult
 from jbclog.protocol.client.confirmed_reads import read_confirmed
 from jbclog.protocol.client.interface import expect_quiet
 from jbclog.protocol.commands.status import StatusWord
-from jbclog.session.safety.tools import FAILED, SENT, VERIFIED, Task, Tool
+from jbclog.session.safety.tools import Task, Tool
 
-STOPPED = "stopped"  # what the feeder says then
-ORDER_PER_LOOK = 1.5  # an order and two answers read back, in terms of two answers
-UNHURRIED_S = 1.5  # the time that must be left for an acknowledgement to be waited for in full
+STOPPED = "stopped"  # the feeder's answer after a stop
+ORDER_PER_LOOK = 1.5  # duration of an order and two answers, relative to two answers
+UNHURRIED_S = 1.5  # remaining time needed to wait for an acknowledgement in full
 REOPEN_EVERY_S = 0.25
 
 
 def order(task: Task, orders: Sequence[tuple[Tool, StatusWord]]) -> Steps[None]:
-    """Order each tool's state once, then read each back, as long as there is time for what may follow on these orders.
+    """Order each tool's state once, then read each back, while there is time for the fallback states.
 
-    One acknowledgement is waited for in vain for as long as a station may take to store; then none is any more.
+    After one acknowledgement has timed out in full, later ones are not waited for.
     """
     failures = []
     for tool, word in orders:
@@ -44,7 +44,7 @@ def order(task: Task, orders: Sequence[tuple[Tool, StatusWord]]) -> Steps[None]:
 
 
 def _send(task: Task, tool: Tool, word: StatusWord, *, hurry: bool) -> Steps[LinkError | StationError | None]:
-    """Order a state; give what came in place of an acknowledgement. With a `LinkError` nothing is known of it."""
+    """Order a state; return the error instead of an acknowledgement. After a `LinkError` the result is not known."""
     if not (yield from is_reachable(task)):
         return LinkError("not reached")
     tool.tell(word)
@@ -53,21 +53,21 @@ def _send(task: Task, tool: Tool, word: StatusWord, *, hurry: bool) -> Steps[Lin
     except LinkError as error:
         yield from _reach_again(task, error)
         return error
-    except StationError as error:  # whether it was done is read back
+    except StationError as error:  # the read-back decides
         return error
-    tool.reached = SENT
+    tool.reached = SafetyResult.SENT
     return None
 
 
 def _read_back(task: Task, tool: Tool, word: StatusWord, failure: StationError | None) -> Steps[None]:
-    """Whether the tool is in the state that was ordered; `failure` came in place of the acknowledgement."""
+    """Read the ordered state back; `failure` came instead of the acknowledgement."""
     status = task.family.status
     found = yield from status_now(task, tool)
     if found is None:
         return
     if status.is_safe(found, word):
         tool.status = found
-        tool.reached = SENT if task.has_to_cool(found) else VERIFIED
+        tool.reached = SafetyResult.SENT if task.has_to_cool(found) else SafetyResult.VERIFIED
     elif isinstance(failure, Refusal):
         final = not isinstance(failure, NotReceived | RobotModeOff)
         tool.pass_over(word, f"{status.shown(word)} was refused with N {failure.code:05d}", rule_out=final)
@@ -78,7 +78,7 @@ def _read_back(task: Task, tool: Tool, word: StatusWord, failure: StationError |
 
 
 def status_now(task: Task, tool: Tool) -> Steps[StatusWord | None]:
-    """The tool's state by two answers; None where they cannot be had."""
+    """Return the tool's state by two answers; None where not available."""
     if not (yield from is_reachable(task)):
         return None
     begun = task.client.now
@@ -92,7 +92,7 @@ def status_now(task: Task, tool: Tool) -> Steps[StatusWord | None]:
 
 
 def stop_feeder(task: Task) -> Steps[bool]:
-    """Whether the feeder was told to stop and says that it stands."""
+    """Stop the feeder; return whether it reports that it has stopped."""
     if not (yield from is_reachable(task)):
         return False
     try:
@@ -105,8 +105,8 @@ def stop_feeder(task: Task) -> Steps[bool]:
 
 
 def look_at_feeder(task: Task) -> Steps[None]:
-    """A robot may have started it again while its tool was still at work."""
-    task.feeds = True  # until it is known to stand
+    """Check the feeder again: a robot may have restarted it while its tool was still at work."""
+    task.feeds = True  # until it reports that it has stopped
     if not (yield from is_reachable(task)):
         return
     try:
@@ -118,24 +118,24 @@ def look_at_feeder(task: Task) -> Steps[None]:
 
 
 def order_blindly(task: Task) -> Steps[None]:
-    """Tell the feeder to stop and each tool the state that always may be ordered; whatever was read of them before is void."""
+    """Stop the feeder and order the state that can always be ordered, without proof; earlier readings are void."""
     if task.is_stranger:
         return
     if task.has_fed:
         task.feeds = True
         yield from _write_blindly(task, "stop_feeding", 0)
     for tool in task.tools:
-        if tool.reached == VERIFIED:
-            tool.reached = FAILED if tool.was_spared else SENT
+        if tool.reached == SafetyResult.VERIFIED:
+            tool.reached = SafetyResult.FAILED if tool.was_spared else SafetyResult.SENT
         word = task.words(tool)[-1]
         tool.was_spared = False
         tool.tell(word)
         if (yield from _write_blindly(task, "status", word, tool.port)):
-            tool.reached = SENT
+            tool.reached = SafetyResult.SENT
 
 
 def _write_blindly(task: Task, name: str, value: Value, port: int | None = None) -> Steps[bool]:
-    """Whether this went out, whatever came back."""
+    """Write without proof; return whether the frame was sent."""
     before = task.client.exchanges
     try:
         yield from task.client.write(task.family.commands[name], value, port, hurry=True)
@@ -149,16 +149,16 @@ def _write_blindly(task: Task, name: str, value: Value, port: int | None = None)
 
 
 def is_reachable(task: Task) -> Steps[bool]:
-    """Whether the station that is meant, and no other, is at the end of the line."""
+    """Whether the intended station, and no other, is connected."""
     if not task.is_proven and not task.is_flooded:
         yield from _reach_again(task, LinkError("not proven"))
     return task.is_proven and not task.is_flooded
 
 
 def _reach_again(task: Task, error: LinkError | StationError) -> Steps[None]:
-    """Open the port anew, while there is time; where the link was broken, until the station has said again who it is.
+    """Reopen the port while there is time; after a broken link also until the station is identified again.
 
-    A station that is merely silent may still hear; one behind a cable that was out may be another.
+    A silent station may still hear; one behind a reconnected cable may be another.
     """
     if isinstance(error, LinkFlooded):
         task.note_flood(error)
@@ -183,30 +183,30 @@ def _reach_again(task: Task, error: LinkError | StationError) -> Steps[None]:
         except LinkError:
             task.is_proven = False
         except StationError:
-            pass  # not there yet
+            pass  # not ready yet
         client.unasked((yield Wait(client.now + REOPEN_EVERY_S)))
 
 
 def in_time(steps: Steps[T], now: float, end: float) -> Steps[T]:
-    """Pull `steps`, which begin at `now` and are over at `end` (monotonic seconds) but for what they still make of it.
+    """Run `steps`, which begin at `now`, until `end` (monotonic seconds).
 
-    A question that would leave later is not sent; to who asks it was not answered.
+    A later request is not sent; its sender gets a time-out.
     """
 
-    def done_by_then(wish: Request) -> Steps[IoResult]:
+    def done_by_then(request: Request) -> Steps[IoResult]:
         nonlocal now
-        if now >= end and isinstance(wish, Ask):
+        if now >= end and isinstance(request, Ask):
             raise AnswerTimeout("no time is left to ask")
-        heard = yield _cut(wish, now, end)
+        heard = yield _cut(request, now, end)
         now = heard.now
         return heard
 
     return relay(steps, done_by_then)
 
 
-def _cut(wish: Request, now: float, end: float) -> Request:
-    if isinstance(wish, Ask):
-        return Ask(wish.data, min(wish.patience_s, end - now))
-    if isinstance(wish, Listen | Wait):
-        return type(wish)(min(wish.until, end))
-    return wish
+def _cut(request: Request, now: float, end: float) -> Request:
+    if isinstance(request, Ask):
+        return Ask(request.data, min(request.patience_s, end - now))
+    if isinstance(request, Listen | Wait):
+        return type(request)(min(request.until, end))
+    return request

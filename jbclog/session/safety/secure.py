@@ -1,11 +1,11 @@
-"""Feeder stopped, then each tool in its safe state, read back. Start with `secure`.
+"""Stop the feeder, then put each tool in its safe state and read it back. Start with `secure`.
 
-A station has no watchdog: what is not told to stand stays hot. So this is tried three times a tool, over a line that is
-opened again if need be, in rounds, so that no tool waits for the tries of another.
+A station has no watchdog: a tool without an order stays hot. So each tool is tried three times, over a link that is reopened
+if necessary, in rounds, so that no tool waits for the tries of another.
 
-A state that counts only when the tool is seen to cool is ordered on all tools of a station first; then they are watched
-together (`cooling.py`), so that four of them take no longer than one. What is left of the time is enough for the states that
-follow. The orders themselves, and what is believed of an answer, are in `orders.py`.
+A state that counts only if the tool is seen to cool is ordered on all tools first; then they are watched together
+(`cooling.py`), so that four tools take no longer than one. The remaining time is enough for the fallback states. `orders.py` has
+the orders themselves and decides which answers to accept.
 """
 
 from __future__ import annotations
@@ -13,19 +13,18 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from jbclog.core.io_requests import Steps, Wait
+from jbclog.core.states import SafetyResult
 from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.safety.cooling import is_cold, watch
 from jbclog.session.safety.orders import in_time, look_at_feeder, order, order_blindly, status_now, stop_feeder
-from jbclog.session.safety.tools import VERIFIED, Task, Tool
+from jbclog.session.safety.tools import Task, Tool
 
 ALLOWED_S = 3.0  # for one station (docs/reference/faults.md, S-2)
 TRIES = 3
 
 
 def secure(task: Task) -> Steps[None]:
-    """Make it safe, as far as that goes in `ALLOWED_S`. What came of it stands in the task; nothing that a link or a
-    station does is raised.
-    """
+    """Make the station safe within `ALLOWED_S`. The task has the result; errors of link and station are not raised."""
     task.client.unasked((yield Wait(0.0)))
     begun = task.client.now
     task.end = begun + ALLOWED_S
@@ -47,7 +46,7 @@ def _in_rounds(task: Task) -> Steps[None]:
 
 
 def _spread(task: Task, rounds_left: int) -> Steps[None]:
-    """Wait for a share of the time that is left: what blocked the line may go away."""
+    """Wait for a share of the remaining time: the cause of the failure may go away."""
     now = task.client.now
     task.client.unasked((yield Wait(now + max(task.end - now, 0.0) / (rounds_left + 1))))
 
@@ -63,8 +62,8 @@ def _round(task: Task, *, is_first: bool) -> Steps[None]:
 
 
 def _look(task: Task) -> Steps[None]:
-    """Which tools rest already, by states that prove it. One in its extractor state is cold, or cools, in whatever family; told
-    to stand it would be heated.
+    """Find tools that rest already, in a state that proves it, and leave them alone. In its extractor state a tool is cold or
+    cools, whatever the family; an order to stand would heat it.
     """
     doubtful = []
     for tool in task.tools:
@@ -94,11 +93,11 @@ def _look(task: Task) -> Steps[None]:
 
 
 def _spare(tool: Tool, found: StatusWord) -> None:
-    tool.reached, tool.status, tool.was_spared = VERIFIED, found, True
+    tool.reached, tool.status, tool.was_spared = SafetyResult.VERIFIED, found, True
 
 
 def _put(task: Task, tools: Sequence[Tool], *, is_first: bool) -> Steps[None]:
-    """One try for each tool. Where its state is not reached, or should cool it and does not, those follow from which it cools."""
+    """Try each tool once. If its state is not reached, or the tool does not cool in it, try the fallback states."""
     words = {tool.port: task.words(tool) for tool in tools}
     yield from order(task, [(tool, words[tool.port][0]) for tool in tools])
     yield from order(task, [(tool, words[tool.port][0]) for tool in tools if tool.was_lost])
@@ -107,21 +106,21 @@ def _put(task: Task, tools: Sequence[Tool], *, is_first: bool) -> Steps[None]:
     cooling = yield from watch(task, watched)
     for tool in watched:
         if tool.port in cooling:
-            tool.reached = VERIFIED
+            tool.reached = SafetyResult.VERIFIED
         elif tool.ordered is not None:
             tool.pass_over(tool.ordered, f"{task.family.status.shown(tool.ordered)} was read back, but the tool did not cool")
     yield from _fall_back(task, [tool for tool in watched if not tool.is_safe], words, is_first=is_first)
 
 
 def _is_to_be_watched(task: Task, tool: Tool) -> bool:
-    """Whether the tool is, as read back, in the state that was ordered, and that alone does not prove that it cools."""
+    """Whether the ordered state was read back but does not prove alone that the tool cools."""
     return not tool.is_safe and tool.status is not None and tool.ordered is not None and task.has_to_cool(tool.ordered)
 
 
 def _fall_back(task: Task, tools: Sequence[Tool], words: Mapping[int, Sequence[StatusWord]], *, is_first: bool) -> Steps[None]:
-    """Order what follows on the first word, until one is reached.
+    """Order the fallback states, until one is reached.
 
-    Where nothing was heard of a word that keeps suction, it is repeated once before the plain one lets the part fall.
+    A word that keeps suction and got no answer is repeated once before the plain one drops the part.
     """
     for place in range(1, max((len(words[tool.port]) for tool in tools), default=0)):
         orders = []
@@ -136,5 +135,5 @@ def _fall_back(task: Task, tools: Sequence[Tool], words: Mapping[int, Sequence[S
 
 
 def _may_keep_suction(task: Task, tool: Tool) -> bool:
-    """Whether the tool was told a word that keeps suction, and the station has not said no to it."""
+    """Whether a word that keeps suction was ordered, and the station has not refused it."""
     return tool.ordered is not None and task.family.status.sucks(tool.ordered) and not tool.is_ruled_out(tool.ordered)

@@ -11,13 +11,14 @@ from pathlib import Path
 import pytest
 
 from jbclog.core.errors import LinkFlooded
+from jbclog.core.states import SafetyResult
 from jbclog.guard import takeover
 from jbclog.guard.action_log import NAME as DIARY
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease
 from jbclog.guard.takeover import OPENING, TakeOver
 from jbclog.protocol.commands.status import EXTRACTOR, STAND
-from jbclog.session.safety.tools import FAILED, SENT, VERIFIED, Task
+from jbclog.session.safety.tools import Task
 from jbclog.transport.opening import BESIDE
 
 LEASE = StationLease("dde-1", "/dev/no1", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (1, 2), False)
@@ -53,13 +54,13 @@ def test_there_are_descriptors_for_all_ports_that_are_opened_at_once(tmp_path: P
 
 def spared(task: Task) -> None:
     for tool in task.tools:
-        tool.reached, tool.status, tool.was_spared = VERIFIED, STAND, True
+        tool.reached, tool.status, tool.was_spared = SafetyResult.VERIFIED, STAND, True
 
 
 def put(task: Task) -> None:
     for tool in task.tools:
         tool.tell(STAND)
-        tool.reached, tool.status = VERIFIED, STAND
+        tool.reached, tool.status = SafetyResult.VERIFIED, STAND
 
 
 def fallen_back(task: Task) -> None:
@@ -67,13 +68,13 @@ def fallen_back(task: Task) -> None:
         tool.tell(EXTRACTOR)
         tool.pass_over(EXTRACTOR, "extractor was refused")
         tool.tell(STAND)
-        tool.reached, tool.status = VERIFIED, STAND
+        tool.reached, tool.status = SafetyResult.VERIFIED, STAND
 
 
 def sent(task: Task) -> None:
     for tool in task.tools:
         tool.tell(STAND)
-        tool.reached = SENT
+        tool.reached = SafetyResult.SENT
 
 
 def flooded(task: Task) -> None:
@@ -83,12 +84,12 @@ def flooded(task: Task) -> None:
 
 def flooded_later(task: Task) -> None:
     flooded(task)
-    task.tools[0].reached, task.tools[0].status = VERIFIED, STAND
+    task.tools[0].reached, task.tools[0].status = SafetyResult.VERIFIED, STAND
 
 
 def one_failed(task: Task) -> None:
     put(task)
-    task.tools[1].reached, task.tools[1].status = FAILED, None
+    task.tools[1].reached, task.tools[1].status = SafetyResult.FAILED, None
 
 
 def feeding(task: Task) -> None:

@@ -19,7 +19,7 @@ from jbclog.session.manual.danger import Snapshot, what_it_does
 from jbclog.session.manual.names import find, is_order, readable, shared, values_text, writable
 from jbclog.session.manual.read import Reading, only_by_name, read_all, read_value
 from jbclog.session.manual.values import shown, value_in, words_for
-from jbclog.session.manual.write import CONFIRMED, SENT, Change, Written, write_value
+from jbclog.session.manual.write import Change, WriteOutcome, Written, write_value
 from support.virtual.manual import Bench, station_text
 
 EVERY = [(family, command) for family in FAMILIES.values() for command in family.commands.values()]
@@ -87,12 +87,12 @@ def test_it_is_written_by_name_once_and_read_back(bench: Bench, family: Family, 
     before = len(bench.wires["it"].writes)
     change = Change(command.name, text, Place(port))
     connection.ask(target, write_value(target, change, kept.append, written), may_write=True)
-    assert written.outcome in (CONFIRMED, SENT), written.problem
+    assert written.outcome in (WriteOutcome.CONFIRMED, WriteOutcome.SENT), written.problem
     sent = bench.wires["it"].writes[before:]
     assert len(sent) == 1
     assert sent[0].removeprefix("W" if family.models else "").startswith(command.letters)
     assert bool(kept) == command.dangerous
-    if written.outcome == CONFIRMED and written.readback is not None and command.readable and command.name != "status":
+    if written.outcome == WriteOutcome.CONFIRMED and written.readback is not None and command.readable and command.name != "status":
         assert written.readback == written.value != written.before
 
 

@@ -12,11 +12,12 @@ import pytest
 
 from jbclog.core.errors import AnswerTimeout, LinkError
 from jbclog.core.io_requests import Ask, IoResult, Listen, Steps, Wait
+from jbclog.core.states import SafetyResult
 from jbclog.protocol.commands.status import EXTRACTOR, STAND, StatusWord
 from jbclog.session.safety import cooling
 from jbclog.session.safety.orders import in_time
 from jbclog.session.safety.secure import ALLOWED_S, secure
-from jbclog.session.safety.tools import FAILED, SENT, VERIFIED, Task
+from jbclog.session.safety.tools import Task
 from jbclog.sim.hotair import AirFace
 from jbclog.sim.port import SLEEP, WORKING, Port
 from jbclog.sim.virtual import VirtualStation
@@ -34,7 +35,7 @@ def test_each_tool_is_told_and_read_back() -> None:
     device, made = station(), task(1, 2)
     Cable(device).pull(secure(made))
     assert written(device) == [STAND, STAND]
-    assert [(tool.reached, tool.status) for tool in made.tools] == [(VERIFIED, STAND)] * 2
+    assert [(tool.reached, tool.status) for tool in made.tools] == [(SafetyResult.VERIFIED, STAND)] * 2
 
 
 @pytest.mark.parametrize("at", ["WPS1", "RPS1", "WPS2"])
@@ -82,7 +83,7 @@ def test_the_one_that_is_meant_is_told_when_its_cable_is_back() -> None:
 
     cable = Cable(device, before=pulled, opens=plugged_in)
     cable.pull(secure(made))
-    assert [tool.reached for tool in made.tools] == [VERIFIED, VERIFIED]
+    assert [tool.reached for tool in made.tools] == [SafetyResult.VERIFIED, SafetyResult.VERIFIED]
     assert "RSMN" in told
 
 
@@ -99,7 +100,7 @@ def test_a_silent_station_is_told_all_and_takes_no_longer_than_three_seconds(por
     told = {question[:4]: at - ASKED_AT for question, at in silent.questions.items() if question[0] == "W"}
     assert told.keys() == {*(f"WPS{port}" for port in ports), *(["WSTP"] if feeds else [])}
     assert max(told.values()) < (2.4 if feeds else 1.8)  # one order is waited for as long as a station may need for it
-    assert {tool.reached for tool in made.tools} <= {FAILED, SENT}
+    assert {tool.reached for tool in made.tools} <= {SafetyResult.FAILED, SafetyResult.SENT}
 
 
 def test_a_port_that_does_not_open_takes_no_longer() -> None:
@@ -107,7 +108,7 @@ def test_a_port_that_does_not_open_takes_no_longer() -> None:
     cable = Cable(Silent(), is_out=True)
     cable.pull(secure(made))
     assert cable.now - ASKED_AT <= ALLOWED_S + 1e-9
-    assert [tool.reached for tool in made.tools] == [FAILED, FAILED]
+    assert [tool.reached for tool in made.tools] == [SafetyResult.FAILED, SafetyResult.FAILED]
 
 
 def test_what_is_over_neither_waits_nor_asks() -> None:
@@ -189,7 +190,7 @@ def test_a_tool_in_its_extractor_state_that_cools_or_is_cold_is_left_alone(famil
     device, made = in_extractor(family, seconds, 1), task(1, family=family, spare=True)
     Cable(device, now=ASKED_AT + seconds).pull(secure(made))
     assert written(device) == []
-    assert (made.tools[0].reached, made.tools[0].was_spared) == (VERIFIED, True)
+    assert (made.tools[0].reached, made.tools[0].was_spared) == (SafetyResult.VERIFIED, True)
     assert is_extractor(made.tools[0].status)
 
 
@@ -262,7 +263,7 @@ def test_one_that_works_is_told_to_stand_although_its_heater_rests_for_a_moment(
     device, made = station("dde", (1,)), task(1, spare=True)
     Cable(Drawing(device, permille=0)).pull(secure(made))
     assert written(device) == [STAND]
-    assert (made.tools[0].reached, made.tools[0].was_spared) == (VERIFIED, False)
+    assert (made.tools[0].reached, made.tools[0].was_spared) == (SafetyResult.VERIFIED, False)
 
 
 def test_where_nothing_is_to_be_spared_it_is_told() -> None:
@@ -286,7 +287,7 @@ def test_what_was_told_is_not_taken_for_what_rested_already(family: str) -> None
 
     cable = Cable(Mute(device, lambda: False), before=asked.append)
     cable.pull(secure(made))
-    assert (made.tools[0].reached, made.tools[0].was_spared) == (VERIFIED, False)
+    assert (made.tools[0].reached, made.tools[0].was_spared) == (SafetyResult.VERIFIED, False)
     assert set(written(device)) == {STAND}
 
 
@@ -317,7 +318,7 @@ def test_a_tool_that_cools_in_its_extractor_state_stays_there(family: str) -> No
     device = station(family, (1, 2))
     made, _ = put_in_extractor(device, 1, 2, family=family)
     assert [told_words(device, port) for port in (1, 2)] == [[EXTRACTOR]] * 2
-    assert [(tool.reached, tool.fell_back) for tool in made.tools] == [(VERIFIED, "")] * 2
+    assert [(tool.reached, tool.fell_back) for tool in made.tools] == [(SafetyResult.VERIFIED, "")] * 2
 
 
 @pytest.mark.parametrize("turnaround_ms", [1, 10, 50])
@@ -425,7 +426,7 @@ def test_a_tool_whose_answers_are_lost_is_told_to_stand_all_the_same(only: str) 
     if only == "read":
         assert {told_words(device, port)[-1] for port in FOUR} == {STAND}
     else:  # an acknowledgement is not needed where it is read back, and watched
-        assert {tool.reached for tool in made.tools} == {VERIFIED}
+        assert {tool.reached for tool in made.tools} == {SafetyResult.VERIFIED}
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -594,7 +595,7 @@ def test_on_a_flooded_link_each_tool_is_told_and_none_is_verified(frame: bytes, 
     cable.pull(secure(made))
     assert set(map(str, written(device))) == {str(STAND)}
     assert {write.port for write in device.log.written("status") if write.at >= ASKED_AT} == {1, 2}
-    assert [tool.reached for tool in made.tools] == [SENT, SENT]
+    assert [tool.reached for tool in made.tools] == [SafetyResult.SENT, SafetyResult.SENT]
     assert made.flood is not None
     assert cable.now - ASKED_AT < ALLOWED_S + 1.5
 
@@ -604,14 +605,14 @@ def test_a_stranger_that_was_found_before_the_flood_is_told_nothing() -> None:
     made.is_stranger = True
     FloodedCable(stranger, b"\xaa").pull(secure(made))
     assert written(stranger) == []
-    assert [tool.reached for tool in made.tools] == [FAILED, FAILED]
+    assert [tool.reached for tool in made.tools] == [SafetyResult.FAILED, SafetyResult.FAILED]
 
 
 @pytest.mark.parametrize("seconds", [0.8, 1.2, 2.2])
 def test_a_flood_that_ends_in_time_is_followed_by_a_proof(seconds: float) -> None:
     device, made = station(), task(1, 2)
     FloodedCable(device, b"\xaa", seconds).pull(secure(made))
-    assert [tool.reached for tool in made.tools] == [VERIFIED, VERIFIED]
+    assert [tool.reached for tool in made.tools] == [SafetyResult.VERIFIED, SafetyResult.VERIFIED]
 
 
 def test_what_is_not_handed_over_is_not_sent() -> None:
@@ -619,7 +620,7 @@ def test_what_is_not_handed_over_is_not_sent() -> None:
     made.client.flow.is_flooded = True
     cable = FloodedCable(device, b"\xaa", is_out=True)
     cable.pull(secure(made))
-    assert [tool.reached for tool in made.tools] == [FAILED, FAILED]
+    assert [tool.reached for tool in made.tools] == [SafetyResult.FAILED, SafetyResult.FAILED]
 
 
 @pytest.mark.parametrize(("feeds", "stops"), [(True, 1), (False, 0)])
@@ -643,7 +644,7 @@ def test_what_was_read_back_before_a_flood_is_not_believed_any_more(spare: bool,
 
     def flood_behind_the_first(question: str) -> None:
         if question.startswith("RPS2") and not begun:
-            assert made.tools[0].reached == VERIFIED
+            assert made.tools[0].reached == SafetyResult.VERIFIED
             begun.append(cable.now)
             cable.begin_at(cable.now)
         cable.is_out |= is_out and bool(begun) and question.startswith("WPS")
@@ -652,9 +653,11 @@ def test_what_was_read_back_before_a_flood_is_not_believed_any_more(spare: bool,
     cable.pull(secure(made))
     assert [tool.was_spared for tool in made.tools] == [False, False]
     if is_out:  # what was ordered before it was; what only rested was never ordered
-        assert [tool.reached for tool in made.tools] == ([FAILED, FAILED] if spare else [SENT, SENT])
+        assert [tool.reached for tool in made.tools] == (
+            [SafetyResult.FAILED, SafetyResult.FAILED] if spare else [SafetyResult.SENT, SafetyResult.SENT]
+        )
     else:
-        assert [tool.reached for tool in made.tools] == [SENT, SENT]
+        assert [tool.reached for tool in made.tools] == [SafetyResult.SENT, SafetyResult.SENT]
         assert {write.port for write in device.log.written("status") if write.at >= ASKED_AT} == {1, 2}
 
 
@@ -714,7 +717,7 @@ def test_a_cable_that_is_out_while_a_tool_is_watched_proves_nothing_and_who_is_t
 
     cable = Cable(device, before=pull, opens=plug_in)
     cable.pull(secure(made))
-    assert [(tool.reached, tool.status) for tool in made.tools] == [(VERIFIED, STAND)] * 2
+    assert [(tool.reached, tool.status) for tool in made.tools] == [(SafetyResult.VERIFIED, STAND)] * 2
     pulled = asked.index("RTT1")
     assert "RSMN" in asked[pulled : next(place for place, text in enumerate(asked) if place > pulled and text[0] == "W")]
 
@@ -735,7 +738,7 @@ def test_a_flood_that_begins_while_a_tool_is_watched_has_it_told_to_stand_withou
     assert made.flood is not None
     assert [told_words(device, port) for port in (1, 2)] != [[EXTRACTOR]] * 2
     assert [told_words(device, port)[-1] for port in (1, 2)] == [STAND, STAND]
-    assert [tool.reached for tool in made.tools] == [SENT, SENT]
+    assert [tool.reached for tool in made.tools] == [SafetyResult.SENT, SafetyResult.SENT]
 
 
 class WithoutPower:
