@@ -21,7 +21,7 @@ from jbclog.core.serial_line import LineFormat
 from jbclog.record.port_owner import run_that_holds
 from jbclog.session.discovery.found import PortReport, ScanPlan, StationFound
 from jbclog.session.discovery.probe import is_harmless
-from jbclog.session.discovery.scan import Dial, scan
+from jbclog.session.discovery.scan import ScanControl, scan
 from jbclog.transport import blocking
 from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port
@@ -60,7 +60,7 @@ def search(wanted: Sequence[tuple[str, ScanPlan]], told: Told = lambda _: None, 
     Ctrl-C ends all scans within one answer's time.
     """
     by = means or SYSTEM
-    dials = [Dial(plan.trials[0].line) for _, plan in wanted]
+    dials = [ScanControl(plan.trials[0].line) for _, plan in wanted]
     with ThreadPoolExecutor(max_workers=max(1, min(len(wanted), MOST_AT_ONCE)), thread_name_prefix="scan") as pool:
         scans = [pool.submit(_scan, url, plan, dial, by) for (url, plan), dial in zip(wanted, dials, strict=True)]
         try:
@@ -72,18 +72,18 @@ def search(wanted: Sequence[tuple[str, ScanPlan]], told: Told = lambda _: None, 
     return [one.result() for one in scans]
 
 
-def _stop(dials: Iterable[Dial]) -> None:
+def _stop(dials: Iterable[ScanControl]) -> None:
     for dial in dials:
         dial.stop = True
 
 
-def _scan(url: str, plan: ScanPlan, dial: Dial, means: Means) -> PortReport:
+def _scan(url: str, plan: ScanPlan, dial: ScanControl, means: Means) -> PortReport:
     report = PortReport(url)
     blocking.run(scan(plan, dial, report), lambda: _open(report, dial, means), sleep=means.sleep, clock=means.clock)
     return report
 
 
-def _open(report: PortReport, dial: Dial, means: Means) -> Port:
+def _open(report: PortReport, dial: ScanControl, means: Means) -> Port:
     """The port as a scan may use it: it lets harmless questions through and counts them.
 
     A run holds its stations also while a cable is out, and behind servers that would take a second client. A program that

@@ -21,7 +21,7 @@ from jbclog.core.durable_files import write_whole
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
 from jbclog.record.port_owner import run_of, run_that_holds
 from jbclog.session.discovery.diagnosis import FIRMLY, diagnose
-from jbclog.session.discovery.found import ADDRESSES, BY_SERVER, USUAL, Finding, PortReport, ScanPlan, StationFound, Trial
+from jbclog.session.discovery.found import ADDRESSES, BY_SERVER, USUAL, PortReport, ScanFinding, ScanPlan, StationFound, Trial
 from jbclog.transport.system_ports import UsbPort, latency_timer, locker_of, process_text, processes_text, sharers_of, usb_ports
 
 # -- result -------------------------------------------------------------------------------------------------------------------
@@ -37,7 +37,7 @@ class Fine:
     what: str
 
 
-Looked = Fine | Finding
+Looked = Fine | ScanFinding
 
 
 # -- clock --------------------------------------------------------------------------------------------------------------------
@@ -54,9 +54,9 @@ def look_at_clock(utc_s: float, is_kept: bool | None) -> Looked:
     """`utc_s` is what the clock says, in seconds since 1970; `is_kept` whether the system calls it right, where it tells."""
     now = datetime.fromtimestamp(utc_s, UTC)
     if now < RELEASED:
-        return Finding("clock.wrong", WHERE, f"it says {now:%Y-%m-%d %H:%M} UTC, which cannot be", STEP)
+        return ScanFinding("clock.wrong", WHERE, f"it says {now:%Y-%m-%d %H:%M} UTC, which cannot be", STEP)
     if is_kept is False:
-        return Finding("clock.unkept", WHERE, "no time server keeps it, so times in records can be off", STEP)
+        return ScanFinding("clock.unkept", WHERE, "no time server keeps it, so times in records can be off", STEP)
     return Fine("clock", WHERE, f"{now:%Y-%m-%d %H:%M} UTC" + (", kept by a time server" if is_kept else ""))
 
 
@@ -84,7 +84,9 @@ def look_at_folder(out: Path) -> list[Looked]:
         free = shutil.disk_usage(folder).free
     except OSError as error:
         return [
-            Finding("disk.no_write", str(out), f"no file can be kept in {folder}: {error.strerror or error}", _step(error, folder))
+            ScanFinding(
+                "disk.no_write", str(out), f"no file can be kept in {folder}: {error.strerror or error}", _step(error, folder)
+            )
         ]
     return [_room(out, free)]
 
@@ -115,7 +117,7 @@ def _room(out: Path, free: int) -> Looked:
     told = f"{free / 1e9:.1f} GB are free"
     if free < LEAST_FREE:
         what = f"only {free / 1e6:.0f} MB are free; a station with two ports at 10 Hz fills some 30 MB a day"
-        return Finding("disk.space", str(out), what, f"make room on the disk of {nearest(out)}")
+        return ScanFinding("disk.space", str(out), what, f"make room on the disk of {nearest(out)}")
     return Fine("disk", str(out), f"files can be kept here, {told}")
 
 
@@ -132,7 +134,7 @@ def look_at_usb_port(port: UsbPort) -> Looked:
     """Whether this user could open it, and nobody else has it."""
     device = Path(port.device)
     if not os.access(device, os.R_OK | os.W_OK):
-        return Finding("port.permission", port.name, "your user may not open it", permission_step(device))
+        return ScanFinding("port.permission", port.name, "your user may not open it", permission_step(device))
     return look_at_holder(port.name, port.device) or Fine("port", port.name, f"{port.title or 'USB serial port'}, free and allowed")
 
 
@@ -144,11 +146,11 @@ def look_at_holder(where: str, url: str) -> Looked | None:
     if run is not None:
         return Fine("port.run", where, f"the run {run} records it; it was not disturbed")
     if process is not None and process != os.getpid():
-        return Finding("port.busy", where, f"it is in use by {process_text(process)}", "end that program")
+        return ScanFinding("port.busy", where, f"it is in use by {process_text(process)}", "end that program")
     sharers = sharers_of(url)
     if sharers:
         what = f"it is open in {processes_text(sharers)} too, which keeps nobody out: of what comes, each gets a part"
-        return Finding("port.shared", where, what, "end that program")
+        return ScanFinding("port.shared", where, what, "end that program")
     return None
 
 
@@ -179,7 +181,7 @@ def _group(device: Path) -> str:
         return "dialout"
 
 
-def look_at_timer(where: str, device: str) -> Finding | None:
+def look_at_timer(where: str, device: str) -> ScanFinding | None:
     """Whether the adapter still holds answers back although it has been told not to; to be looked at behind an opening."""
     timer = latency_timer(device)
     try:
@@ -189,7 +191,7 @@ def look_at_timer(where: str, device: str) -> Finding | None:
     if held_ms <= QUICK_MS:
         return None
     what = f"its USB adapter holds each answer back for up to {held_ms} ms, which halves the rate"
-    return Finding("port.latency", where, what, f"`echo 1 | sudo tee {timer}`")
+    return ScanFinding("port.latency", where, what, f"`echo 1 | sudo tee {timer}`")
 
 
 # -- stations -----------------------------------------------------------------------------------------------------------------
@@ -235,12 +237,12 @@ def compared(line: Line, spec: StationSpec, report: PortReport) -> Iterator[Look
     yield from wrong
 
 
-def _is_accepted(spec: StationSpec, report: PortReport, finding: Finding) -> bool:
+def _is_accepted(spec: StationSpec, report: PortReport, finding: ScanFinding) -> bool:
     """Whether this is about a model name that no table has, and the line file accepts it."""
     return finding.kind == "station.unknown" and report.station is not None and report.station.model == spec.model
 
 
-def _of_line(line: Line, spec: StationSpec, finding: Finding) -> Looked:
+def _of_line(line: Line, spec: StationSpec, finding: ScanFinding) -> Looked:
     """A finding of a port, as one of this station."""
     step = finding.step
     if finding.kind == "port.permission" and spec.is_device:
@@ -266,7 +268,7 @@ def _addressing(found: StationFound) -> str:
 # -- differences ------------------------------------------------------------------------------------------------------------
 
 
-def _differences(line: Line, spec: StationSpec, found: StationFound) -> Iterator[Finding | None]:
+def _differences(line: Line, spec: StationSpec, found: StationFound) -> Iterator[ScanFinding | None]:
     yield _line_format(line, spec, found)
     yield _address(line, spec, found)
     yield _family(line, spec, found)
@@ -279,20 +281,20 @@ def _change(line: Line, spec: StationSpec, keys: str) -> str:
     return f"in {line.path}, station {spec.name}: set {keys}"
 
 
-def _line_format(line: Line, spec: StationSpec, found: StationFound) -> Finding | None:
+def _line_format(line: Line, spec: StationSpec, found: StationFound) -> ScanFinding | None:
     if found.line == spec.line_format or spec.url.startswith("socket:"):
         return None
     what = f"it answers at {found.line}, and not at the line file's {spec.line_format}"
     keys = f'baudrate = {found.line.baudrate}, format = "{found.line.format}"'
-    return Finding("line.format", spec.name, what, _change(line, spec, keys))
+    return ScanFinding("line.format", spec.name, what, _change(line, spec, keys))
 
 
-def _address(line: Line, spec: StationSpec, found: StationFound) -> Finding | None:
+def _address(line: Line, spec: StationSpec, found: StationFound) -> ScanFinding | None:
     if not found.has_robot_mode or found.address == spec.address:
         return None
     wanted = "without addresses" if spec.address is None else f"address {spec.address:02d}"
     keys = f"address = {'false' if found.address is None else found.address}"
-    return Finding(
+    return ScanFinding(
         "line.address", spec.name, f"it answers {_at(found)}, and not {wanted} as in the line file", _change(line, spec, keys)
     )
 
@@ -301,21 +303,23 @@ def _at(found: StationFound) -> str:
     return found.addressing if found.address is None else f"to {found.addressing}"
 
 
-def _family(line: Line, spec: StationSpec, found: StationFound) -> Finding | None:
+def _family(line: Line, spec: StationSpec, found: StationFound) -> ScanFinding | None:
     if spec.model is not None:
         if found.model == spec.model:
             return None
         what = f"the line file accepts model {spec.model}; what answers is {found.model or 'one that says none'}"
-        return Finding("line.model", spec.name, what, _change(line, spec, f'model = "{found.model}", or plug in the other cable'))
+        return ScanFinding(
+            "line.model", spec.name, what, _change(line, spec, f'model = "{found.model}", or plug in the other cable')
+        )
     if spec.family == AUTO or found.family is None or found.family.name == spec.family:
         return None
     what = f"the line file says family {spec.family}; what answers is {found.model or found.family.title}"
-    return Finding(
+    return ScanFinding(
         "line.family", spec.name, what, _change(line, spec, f'family = "{found.family.name}", or plug in the other cable')
     )
 
 
-def _ports(line: Line, spec: StationSpec, found: StationFound) -> Iterator[Finding]:
+def _ports(line: Line, spec: StationSpec, found: StationFound) -> Iterator[ScanFinding]:
     """The ports that a run would want, without a tool or not there at all."""
     wanted = spec.ports or _printed_ports(found.family) or tuple(found.tools)
     missing = [port for port in wanted if port not in found.tools] if found.tools else []
@@ -324,10 +328,10 @@ def _ports(line: Line, spec: StationSpec, found: StationFound) -> Iterator[Findi
     keys = f"ports = {rest}" if rest else "ports = [...] to those that it has"
     if missing:
         what = f"it has no port {_listed(missing)}, which the line file names"
-        yield Finding("line.ports", spec.name, what, _change(line, spec, keys))
+        yield ScanFinding("line.ports", spec.name, what, _change(line, spec, keys))
     if empty:
         step = f"put a tool in, or {_change(line, spec, keys)}" if rest else "put a tool in"
-        yield Finding("tool.missing", spec.name, f"no tool in port {_listed(empty)}; a run refuses to start without", step)
+        yield ScanFinding("tool.missing", spec.name, f"no tool in port {_listed(empty)}; a run refuses to start without", step)
 
 
 def _printed_ports(family: Family | None) -> tuple[int, ...] | None:
@@ -338,19 +342,19 @@ def _listed(ports: list[int]) -> str:
     return ", ".join(map(str, ports))
 
 
-def _station_error(spec: StationSpec, found: StationFound) -> Finding | None:
+def _station_error(spec: StationSpec, found: StationFound) -> ScanFinding | None:
     if found.error is None:
         return None
-    return Finding("station.error", spec.name, f"the station reports: {found.error}", "look it up in the station's manual")
+    return ScanFinding("station.error", spec.name, f"the station reports: {found.error}", "look it up in the station's manual")
 
 
-def _lost(spec: StationSpec, found: StationFound) -> Finding | None:
+def _lost(spec: StationSpec, found: StationFound) -> ScanFinding | None:
     turnaround = found.turnaround
     if turnaround is not None and turnaround.answered == turnaround.asked:
         return None
     answered, asked = (turnaround.answered, turnaround.asked) if turnaround else (0, 1)
     what = f"{asked - answered} of {asked} questions were not answered"
-    return Finding("line.noisy", spec.name, what, FIRMLY)
+    return ScanFinding("line.noisy", spec.name, what, FIRMLY)
 
 
 # -- examine ------------------------------------------------------------------------------------------------------------------

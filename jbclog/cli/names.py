@@ -17,7 +17,7 @@ from jbclog.core.errors import JbclogError
 if TYPE_CHECKING:
     from jbclog.protocol.commands.command import Command
     from jbclog.protocol.commands.family import Family
-    from jbclog.session.manual.names import Kind
+    from jbclog.session.manual.names import CommandFilter
 
 USUAL_LINE = Path("line.toml")  # what the shell completes from while no --line has been typed
 NEGATIVE = re.compile(r"-\d+(\.\d+)?", re.ASCII)
@@ -37,7 +37,7 @@ class _NamingCommand(TyperCommand):
         ctx.ignore_unknown_options = any(NEGATIVE.fullmatch(word) for word in args)  # -5 is no option here
         return super().parse_args(ctx, args)
 
-    def _kind(self) -> Kind:
+    def _kind(self) -> CommandFilter:
         raise LookupError("which commands are listed, the verb says")
 
     def _more(self) -> list[str]:
@@ -48,7 +48,7 @@ class _NamingCommand(TyperCommand):
 class ReadCommand(_NamingCommand):
     """`read`: everything that can be read."""
 
-    def _kind(self) -> Kind:
+    def _kind(self) -> CommandFilter:
         from jbclog.session.manual.names import readable
 
         return readable
@@ -57,7 +57,7 @@ class ReadCommand(_NamingCommand):
 class WriteCommand(_NamingCommand):
     """`write`: everything that can be written."""
 
-    def _kind(self) -> Kind:
+    def _kind(self) -> CommandFilter:
         from jbclog.session.manual.names import writable
 
         return writable
@@ -69,7 +69,7 @@ class WriteCommand(_NamingCommand):
         return [f"Dangerous, and done only with --yes-i-mean STATION:\n{_wrapped(dangerous)}"]
 
 
-def _shared_text(kind: Kind) -> str:
+def _shared_text(kind: CommandFilter) -> str:
     from jbclog.session.manual.names import shared
 
     parts = ["Names (with a station and no name: those of that station, with units, ranges and manual):"]
@@ -128,7 +128,7 @@ def complete_value(ctx: typer.Context, incomplete: str) -> Completions:
     return [(word, command.name) for word in words_for(command, family) if word.startswith(incomplete)]
 
 
-def _complete(ctx: typer.Context, incomplete: str, kind: Kind) -> Completions:
+def _complete(ctx: typer.Context, incomplete: str, kind: CommandFilter) -> Completions:
     from jbclog.session.manual.names import anywhere
 
     family = _family(ctx)

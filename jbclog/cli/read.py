@@ -14,7 +14,7 @@ from jbclog.core.errors import StartRefused, UsageError
 
 if TYPE_CHECKING:
     from jbclog.session.manual.contact import Contact, Place, Target
-    from jbclog.session.manual.read import Reading
+    from jbclog.session.manual.read import ReadResult
 
 NAME_WIDTH = 40
 
@@ -76,7 +76,7 @@ class _Seen:
         self._facts: list[dict[str, object]] = []
         self._contact: Contact | None = None
 
-    def take(self, contact: Contact, reading: Reading) -> None:
+    def take(self, contact: Contact, reading: ReadResult) -> None:
         from jbclog.app.connection import utc_of
         from jbclog.cli.values import reading_facts
 
@@ -87,7 +87,7 @@ class _Seen:
             self._facts.append(reading_facts(contact, reading, utc_of(reading.heard)))
         self.show(contact, reading)
 
-    def show(self, contact: Contact, reading: Reading) -> None:
+    def show(self, contact: Contact, reading: ReadResult) -> None:
         """A line for people."""
 
     def ask(self, target: Target) -> None:
@@ -122,7 +122,7 @@ class _Named(_Seen):
         """Whether what was typed means one value, whatever station it is."""
         return place.port is None or self.asked.port is not None
 
-    def show(self, contact: Contact, reading: Reading) -> None:
+    def show(self, contact: Contact, reading: ReadResult) -> None:
         from jbclog.session.manual.contact import title
         from jbclog.session.manual.values import shown
 
@@ -139,7 +139,7 @@ class _Named(_Seen):
             tell(told if self._is_only_one(reading.place) else f"{reading.place}: {told}")
 
 
-def _absent_text(reading: Reading) -> str:
+def _absent_text(reading: ReadResult) -> str:
     """That the station does not have it, which an OMEGA says by silence."""
     return "unknown to this station (N 00004)" if reading.reason == "nak4" else "unknown to this station (it does not answer it)"
 
@@ -161,7 +161,7 @@ class _All(_Seen):
         if left_out:
             note(f"note: read only by name: {', '.join(left_out)}")
 
-    def show(self, contact: Contact, reading: Reading) -> None:
+    def show(self, contact: Contact, reading: ReadResult) -> None:
         from jbclog.session.manual.contact import title
         from jbclog.session.manual.values import shown
 

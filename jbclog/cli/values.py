@@ -15,11 +15,11 @@ from jbclog.core.quantities import OFF, Value
 from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.ranges import inferred_note
-from jbclog.session.manual.contact import Contact, Place, Target, meet, title
-from jbclog.session.manual.names import Entry, Kind, entries, is_order
-from jbclog.session.manual.read import Reading
+from jbclog.session.manual.contact import Contact, Place, Target, open_contact, title
+from jbclog.session.manual.names import CommandFilter, NameEntry, entries, is_order
+from jbclog.session.manual.read import ReadResult
 from jbclog.session.manual.values import shown
-from jbclog.session.manual.write import Change, WriteOutcome, Written, is_order_to_rest
+from jbclog.session.manual.write import WriteOutcome, WriteRequest, WriteResult, is_order_to_rest
 
 # -- values -------------------------------------------------------------------------------------------------------------------
 
@@ -33,7 +33,7 @@ def plain(value: Value | None, command: Command, family: Family) -> object:
     return value
 
 
-def reading_facts(contact: Contact, reading: Reading, time: str) -> dict[str, object]:
+def reading_facts(contact: Contact, reading: ReadResult, time: str) -> dict[str, object]:
     """One reading as JSON; `value` is null where it was not read, and `reason` says why."""
     command, place, value = reading.command, reading.place, reading.value
     facts: dict[str, object] = {"station": contact.name, "command": command.name, **place_facts(place)}
@@ -60,7 +60,7 @@ def table(rows: Iterable[tuple[str, ...]]) -> list[str]:
     return ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines]
 
 
-def list_lines(family: Family, kind: Kind) -> list[str]:
+def list_lines(family: Family, kind: CommandFilter) -> list[str]:
     """The names of a family with unit, what may be written, where they belong, and the manual."""
     return table(
         (entry.name, entry.unit or "-", entry.scope, "; ".join(filter(None, (entry.values, entry.remark))) or "-", entry.manual)
@@ -68,12 +68,12 @@ def list_lines(family: Family, kind: Kind) -> list[str]:
     )
 
 
-def list_facts(name: str, family: Family, kind: Kind) -> dict[str, object]:
+def list_facts(name: str, family: Family, kind: CommandFilter) -> dict[str, object]:
     """The same as JSON."""
     return {"station": name, "family": family.name, "names": [_entry_facts(entry) for entry in entries(family, kind)]}
 
 
-def _entry_facts(entry: Entry) -> dict[str, object]:
+def _entry_facts(entry: NameEntry) -> dict[str, object]:
     return dict(entry._asdict())
 
 
@@ -81,9 +81,9 @@ def _entry_facts(entry: Entry) -> dict[str, object]:
 # The names of one station, listed: what `read` and `write` say when no name is given.
 
 
-def tell_names(target: Target, kind: Kind, *, as_json: bool) -> None:
+def tell_names(target: Target, kind: CommandFilter, *, as_json: bool) -> None:
     """Tell every name that `kind` lets through; a station whose family is "auto" is asked for it."""
-    family = target.family or ask(target, meet(target)).family
+    family = target.family or ask(target, open_contact(target)).family
     if as_json:
         tell_json(list_facts(target.name, family, kind))
         return
@@ -104,7 +104,7 @@ def _heading(target: Target, family: Family) -> str:
 FINE: Final = 0
 
 
-def call(verb: str, target: Target, change: Change, line: Path) -> str:
+def call(verb: str, target: Target, change: WriteRequest, line: Path) -> str:
     """A call of this program for the same station and place, as it can be typed."""
     words = ["jbclog", verb, target.name, change.name, *([change.text] if change.text is not None else [])]
     for name in ("port", "tool"):
@@ -113,7 +113,7 @@ def call(verb: str, target: Target, change: Change, line: Path) -> str:
     return shlex.join([*words, "--line", str(line)])
 
 
-def exit_code(written: Written) -> int:
+def exit_code(written: WriteResult) -> int:
     """5 where a tool was told to rest, or a motor to stop, and does not confirm it; else 3 where it did not come to be."""
     if written.is_fine:
         return FINE
@@ -121,17 +121,17 @@ def exit_code(written: Written) -> int:
     return Unsafe.exit_code if written.is_sent and is_order_to_rest(contact, written) else StartRefused.exit_code
 
 
-def _contact(written: Written) -> Contact:
+def _contact(written: WriteResult) -> Contact:
     assert written.contact is not None  # it is made before anything is sent
     return written.contact
 
 
-def _command(written: Written) -> Command:
+def _command(written: WriteResult) -> Command:
     assert written.command is not None
     return written.command
 
 
-def result(written: Written) -> str:
+def result(written: WriteResult) -> str:
     """One sentence: what was asked, and what came of it."""
     command, outcome = _command(written), written.outcome
     name = title(command, written.place)
@@ -149,35 +149,35 @@ def result(written: Written) -> str:
     return f"{name}: {told} and acknowledged; {written.problem or _left_open(written)}"
 
 
-def _is_to_cool(written: Written) -> bool:
+def _is_to_cool(written: WriteResult) -> bool:
     """Whether a soldering tool was put in its extractor: the status says so at once, and not that the tool cools."""
     contact, word = _contact(written), written.readback
     is_status = _command(written) is contact.family.command_of("status")
     return is_status and contact.family.status.tens_rests and isinstance(word, tuple) and bool(word[3])
 
 
-def _done(written: Written) -> str:
+def _done(written: WriteResult) -> str:
     """What is so now. An order to rest may have led on to sleep by the time it is read back."""
     if written.readback is None:
         return "done" if is_order(_command(written)) else _text(written, written.value)
     return _text(written, written.readback)
 
 
-def _left_open(written: Written) -> str:
+def _left_open(written: WriteResult) -> str:
     return f"feeding is {written.readback}" if written.readback is not None else "there is nothing by which it could be read back"
 
 
-def _text(written: Written, value: Value | None) -> str:
+def _text(written: WriteResult, value: Value | None) -> str:
     if value is None:
         return "unknown"
     return shown(value, _command(written), _contact(written).family)
 
 
-def _before(written: Written) -> str:
+def _before(written: WriteResult) -> str:
     return "" if written.before is None else f" ({_text(written, written.before)} before)"
 
 
-def notes(written: Written, target: Target, change: Change, line: Path) -> Iterator[str]:
+def notes(written: WriteResult, target: Target, change: WriteRequest, line: Path) -> Iterator[str]:
     """What the person who did it has to know or to do now."""
     command = _command(written)
     contact = _contact(written)
@@ -190,7 +190,7 @@ def notes(written: Written, target: Target, change: Change, line: Path) -> Itera
     if written.outcome == WriteOutcome.CONFIRMED and _is_to_cool(written):
         yield _cooling_not_seen(written, target, line)
     if written.outcome == WriteOutcome.UNCONFIRMED and command.readable:
-        asked = Change(command.name, None, change.place)
+        asked = WriteRequest(command.name, None, change.place)
         yield f"it may or may not have been done; `{call('read', target, asked, line)}` tells"
     if command.name == "address" and written.outcome == WriteOutcome.CONFIRMED:
         wanted = f"address = {written.value or 'false'}"
@@ -201,13 +201,13 @@ def notes(written: Written, target: Target, change: Change, line: Path) -> Itera
         yield "the settings before are in the file named above; nothing puts them back by itself"
 
 
-def _nobody_watches(written: Written, target: Target, line: Path) -> str:
+def _nobody_watches(written: WriteResult, target: Target, line: Path) -> str:
     """A station has no watchdog: what was put to work by hand goes on until somebody ends it."""
     contact, place, surely = _contact(written), written.place, "" if written.is_fine else " or may be"
     if place.port is None:
-        stop = call("write", target, Change("stop_feeding", None, place), line)
+        stop = call("write", target, WriteRequest("stop_feeding", None, place), line)
         return f"the feeder is{surely} running, and nobody watches it. To stop it: {stop}"
-    rest = Change("status", contact.family.safe_states[0], place)
+    rest = WriteRequest("status", contact.family.safe_states[0], place)
     if written.is_empty:
         return (
             f"there is no tool in port {place.port}: one that is put in goes to work at once, and nobody watches it. "
@@ -219,15 +219,15 @@ def _nobody_watches(written: Written, target: Target, line: Path) -> str:
     )
 
 
-def _cooling_not_seen(written: Written, target: Target, line: Path) -> str:
+def _cooling_not_seen(written: WriteResult, target: Target, line: Path) -> str:
     """A station without an extractor may take the order, show it, and heat on."""
     contact, place = _contact(written), written.place
-    stand = call("write", target, Change("status", "stand", place), line)
+    stand = call("write", target, WriteRequest("status", "stand", place), line)
     temperature = contact.family.command_of("temperature_c")
     look = (
         ""
         if temperature is None
-        else f"`{call('read', target, Change(temperature.name, None, place), line)}` shows whether it does. "
+        else f"`{call('read', target, WriteRequest(temperature.name, None, place), line)}` shows whether it does. "
     )
     return (
         f"the station shows the order; that the tool in port {place.port} cools was not seen yet, and a station may take the "
@@ -235,7 +235,7 @@ def _cooling_not_seen(written: Written, target: Target, line: Path) -> str:
     )
 
 
-def _went_on(written: Written) -> str:
+def _went_on(written: WriteResult) -> str:
     """Why another state was read back than was ordered, and is right all the same."""
     asked, found = _text(written, written.value), _text(written, written.readback)
     has_cooled = not _contact(written).family.status.tens_rests and "cooling" in asked and "cooling" not in found
@@ -243,7 +243,7 @@ def _went_on(written: Written) -> str:
     return f"{asked} was ordered and {found} was read back: {why}"
 
 
-def written_facts(written: Written, kept: Path | None) -> dict[str, object]:
+def written_facts(written: WriteResult, kept: Path | None) -> dict[str, object]:
     """The write as JSON."""
     contact, command = _contact(written), _command(written)
 

@@ -137,11 +137,11 @@ def _proposal(kept: Verification, target: Target, line: Path) -> str | None:
     """The call that would write it, as it can be typed."""
     from jbclog.cli.values import call
     from jbclog.session.manual.contact import Place
-    from jbclog.session.manual.write import Change
+    from jbclog.session.manual.write import WriteRequest
 
     if kept.proposed_adjust_c is None:
         return None
-    return call("write", target, Change("adjust", str(kept.proposed_adjust_c), Place(kept.port)), line)
+    return call("write", target, WriteRequest("adjust", str(kept.proposed_adjust_c), Place(kept.port)), line)
 
 
 def _advice(kept: Verification, call: str | None) -> list[str]:

@@ -16,7 +16,7 @@ from jbclog.core.errors import UsageError
 if TYPE_CHECKING:
     from jbclog.session.manual.contact import Target
     from jbclog.session.manual.danger import Snapshot
-    from jbclog.session.manual.write import Change
+    from jbclog.session.manual.write import WriteRequest
 
 
 @ends_with_errors_told
@@ -66,7 +66,7 @@ def write(
     from jbclog.cli.values import tell_names
     from jbclog.session.manual.contact import Place
     from jbclog.session.manual.names import writable
-    from jbclog.session.manual.write import Change
+    from jbclog.session.manual.write import WriteRequest
 
     target = target_in(line, station)
     if yes_i_mean is not None and yes_i_mean != station:
@@ -76,14 +76,14 @@ def write(
         return
     if snapshot is not None and snapshot.exists():
         raise UsageError(f"--snapshot {snapshot} is there already, and nothing is written over; nothing was sent")
-    change = Change(setting, value, Place(port, tool))
+    change = WriteRequest(setting, value, Place(port, tool))
     _check(target, change, line, is_meant=yes_i_mean is not None)
     never_wait()
     code = _Writing(target, change, line, snapshot, as_json=as_json).do()
     raise typer.Exit(code)
 
 
-def _check(target: Target, change: Change, line: Path, *, is_meant: bool) -> None:
+def _check(target: Target, change: WriteRequest, line: Path, *, is_meant: bool) -> None:
     """Everything that can be known to be wrong before a byte is sent. Raises `UsageError`."""
     from jbclog.cli.values import call
     from jbclog.session.manual.contact import check_place
@@ -107,8 +107,8 @@ def _check(target: Target, change: Change, line: Path, *, is_meant: bool) -> Non
 class _Writing:
     """One write: done, told, and given its exit code."""
 
-    def __init__(self, target: Target, change: Change, line: Path, snapshot: Path | None, *, as_json: bool) -> None:
-        from jbclog.session.manual.write import Written
+    def __init__(self, target: Target, change: WriteRequest, line: Path, snapshot: Path | None, *, as_json: bool) -> None:
+        from jbclog.session.manual.write import WriteResult
 
         self._target = target
         self._change = change
@@ -116,7 +116,7 @@ class _Writing:
         self._snapshot = snapshot
         self._as_json = as_json
         self._kept: Path | None = None
-        self._written = Written()
+        self._written = WriteResult()
 
     def do(self) -> int:
         from jbclog.app.connection import ask

@@ -24,7 +24,7 @@ from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.safety.secure import secure
-from jbclog.session.safety.tools import Task, Tool
+from jbclog.session.safety.tools import SafetyTask, ToolSafety
 from jbclog.transport import blocking
 from jbclog.transport.opening import allow_ports, open_port
 from jbclog.transport.port import Port
@@ -89,30 +89,30 @@ class TakeOver:
         if task.feeds:
             self._tell(lease, "safety.not_safe", CRITICAL, "the guard could not stop the feeder; switch the station off")
 
-    def _surely_secured(self, lease: StationLease) -> Task:
+    def _surely_secured(self, lease: StationLease) -> SafetyTask:
         """What `secure` made of it. A fault of this program may be one of a moment: memory was refused, say."""
         try:
             return self._secured(lease)
         except Exception:
             return self._secured(lease)
 
-    def _secured(self, lease: StationLease) -> Task:
+    def _secured(self, lease: StationLease) -> SafetyTask:
         task = self._task(lease)
         blocking.run(secure(task), lambda: _open(lease), sleep=time.sleep)
         return task
 
-    def _take_note(self, lease: StationLease, task: Task) -> None:
+    def _take_note(self, lease: StationLease, task: SafetyTask) -> None:
         remaining = replace(lease, ports=tuple(tool.port for tool in task.tools if not tool.is_safe), feeds=task.feeds)
         if remaining.holds:
             self._left[lease.name] = remaining
         else:
             del self._left[lease.name]
 
-    def _task(self, lease: StationLease) -> Task:
+    def _task(self, lease: StationLease) -> SafetyTask:
         family = FAMILIES[lease.family]
         client = client_for(family, _format(lease), lease.address)
-        tools = [Tool(port, suction=port in lease.suction) for port in lease.ports]
-        return Task(
+        tools = [ToolSafety(port, suction=port in lease.suction) for port in lease.ports]
+        return SafetyTask(
             client,
             family,
             lease.safe_state,
@@ -124,7 +124,7 @@ class TakeOver:
             is_stranger=lease.name in self.flooded,
         )
 
-    def _tell_tool(self, lease: StationLease, task: Task, tool: Tool) -> None:
+    def _tell_tool(self, lease: StationLease, task: SafetyTask, tool: ToolSafety) -> None:
         if tool.is_safe and tool.status is not None:
             state = task.family.status.shown(tool.status)
             text = "was in its safe state already" if tool.was_spared else "was put in its safe state by the guard"

@@ -34,7 +34,7 @@ FIXED_PERIODS_S = {ReadInterval.FIVE: 5.0, ReadInterval.TEN: 10.0}
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class ScheduledRead:
     """Something to read repeatedly on one port: a signal, a counter, a watched setting or the identity.
 
     `port` is the port of its row; `asks_port` is None where the command addresses the whole station. `period_s` is None for a fast
@@ -81,7 +81,7 @@ class Demand:
     slow: tuple[tuple[float, float], ...] = ()
 
     @classmethod
-    def of(cls, readings: Iterable[Reading]) -> Demand:
+    def of(cls, readings: Iterable[ScheduledRead]) -> Demand:
         readings = list(readings)
         fast = [reading.wire_s for reading in readings if reading.period_s is None]
         return cls(sum(fast), len(fast), tuple((one.wire_s, one.period_s) for one in readings if one.period_s is not None))
@@ -183,10 +183,10 @@ class Grid:
 
 
 @dataclass(slots=True, eq=False)
-class Slow:
+class SlowRead:
     """A slow reading, when it is due next and when it was read last."""
 
-    reading: Reading
+    reading: ScheduledRead
     period_s: float
     due: float
     last: float
@@ -199,26 +199,32 @@ class SlowReadings:
     """
 
     def __init__(
-        self, readings: Iterable[Reading], start: float, *, longest_s: float = 0.0, tick_s: float = 0.0, runs_over: bool = False
+        self,
+        readings: Iterable[ScheduledRead],
+        start: float,
+        *,
+        longest_s: float = 0.0,
+        tick_s: float = 0.0,
+        runs_over: bool = False,
     ) -> None:
         """Signals are due at `start`, so that everything is known as soon as there is time for it.
 
         Counters, model and software were read before the first tick and are due a period later.
         """
         found = [
-            Slow(reading, max(reading.period_s, tick_s), start + (reading.period_s if reading.was_read else 0.0), start)
+            SlowRead(reading, max(reading.period_s, tick_s), start + (reading.period_s if reading.was_read else 0.0), start)
             for reading in readings
             if reading.period_s is not None
         ]
         self._coming = [(slow.due, number, slow) for number, slow in enumerate(found)]  # a heap
         heapify(self._coming)
         self._number = count(len(found))
-        self._waiting: list[Slow] = []  # due, and not yet taken
+        self._waiting: list[SlowRead] = []  # due, and not yet taken
         self._longest_s = longest_s
         self._runs_over = runs_over
         self.worst_periods = 0.0  # the longest wait of any reading, in its own periods; CEILING is the promise
 
-    def next(self, now: float, following: float) -> Slow | None:
+    def next(self, now: float, following: float) -> SlowRead | None:
         """Return the due reading nearest to its ceiling, if there is time for it before the tick due at `following`.
 
         One that has waited a whole period is returned even without time: on a link with many repeats ticks may be late or
@@ -231,7 +237,7 @@ class SlowReadings:
         is_room = now + self._longest_s <= following + 1e-9 or (self._runs_over and now <= following)
         return one if is_room or now > one.due + one.period_s else None
 
-    def all_due(self, now: float) -> list[Slow]:
+    def all_due(self, now: float) -> list[SlowRead]:
         """Return every reading due by `now`, for a station that cannot be reached."""
         self._fall_due(now)
         return list(self._waiting)
@@ -240,7 +246,7 @@ class SlowReadings:
         while self._coming and self._coming[0][0] <= now:
             self._waiting.append(heappop(self._coming)[2])
 
-    def taken(self, slow: Slow, now: float, following: float = 0.0) -> None:
+    def taken(self, slow: SlowRead, now: float, following: float = 0.0) -> None:
         """Note that `slow` was read, with whatever result; it is due again a period after it was due.
 
         But not before the tick due at `following`, nor twice in a row: a row has one value for it.
@@ -251,13 +257,13 @@ class SlowReadings:
         self._waiting.remove(slow)
         heappush(self._coming, (slow.due, next(self._number), slow))
 
-    def drop(self, slow: Slow) -> None:
+    def drop(self, slow: SlowRead) -> None:
         """Remove a reading that the station does not support."""
         self._coming = [one for one in self._coming if one[2] is not slow]
         heapify(self._coming)
 
 
-def _urgency(slow: Slow) -> float:
+def _urgency(slow: SlowRead) -> float:
     """The smaller, the nearer to its ceiling."""
     return slow.due + slow.period_s
 
@@ -270,28 +276,30 @@ def readings_of(
     addressed: bool,
     alarms_every_s: float,
     counters_every_s: float,
-) -> list[Reading]:
+) -> list[ScheduledRead]:
     """List everything that is read repeatedly on one station; station-wide signals once, in the first port's row."""
-    found: list[Reading] = []
+    found: list[ScheduledRead] = []
     for signal, command in signals:
         for port in ports if command.scope is Scope.PORT else ports[:1]:
             asks = port if command.scope is Scope.PORT else None
             interval = period_s(signal.interval, alarms_every_s, counters_every_s)
-            found.append(Reading(signal.name, command, port, asks, read_wire_s(line, command, addressed), interval, signal.columns))
+            found.append(
+                ScheduledRead(signal.name, command, port, asks, read_wire_s(line, command, addressed), interval, signal.columns)
+            )
     for counter, command in counters:
         for port in ports:
             wire, interval = read_wire_s(line, command, addressed), period_s(counter.interval, alarms_every_s, counters_every_s)
             every_s = counters_every_s if interval is None else min(interval, counters_every_s)
-            found.append(Reading(counter.name, command, port, port, wire, every_s, (), counter))
+            found.append(ScheduledRead(counter.name, command, port, port, wire, every_s, (), counter))
     return found
 
 
 def watched_readings(
     commands: Iterable[Command], ports: Sequence[int], line: LineFormat, addressed: bool, every_s: float
-) -> list[Reading]:
+) -> list[ScheduledRead]:
     """List settings that are read periodically to detect changes; they fill no column."""
     return [
-        Reading(command.name, command, port, port, read_wire_s(line, command, addressed), every_s)
+        ScheduledRead(command.name, command, port, port, read_wire_s(line, command, addressed), every_s)
         for command in commands
         for port in ports
     ]
@@ -299,9 +307,9 @@ def watched_readings(
 
 def identity_readings(
     commands: Iterable[Command], ports: Sequence[int], line: LineFormat, addressed: bool, every_s: float
-) -> list[Reading]:
+) -> list[ScheduledRead]:
     """List the reads of a station's identity, to detect another station in its place; they fill no column."""
     return [
-        Reading(command.name, command, ports[0], None, read_wire_s(line, command, addressed), every_s, is_identity=True)
+        ScheduledRead(command.name, command, ports[0], None, read_wire_s(line, command, addressed), every_s, is_identity=True)
         for command in commands
     ]

@@ -20,9 +20,9 @@ from jbclog.session.run.identify import (
     LONGEST_SEEK_S,
     first_pause_s,
     next_pause_s,
-    tell_flood,
-    tell_flood_over,
-    tell_loss,
+    note_flood_over,
+    report_flood,
+    report_loss,
 )
 
 FLOOD = LinkFlooded(9000, 40, 1.0, 400)
@@ -58,27 +58,27 @@ def test_a_lost_link_is_sought_a_little_more_rarely_each_time() -> None:
 
 def test_a_flooded_one_is_left_alone_for_twice_as_long_each_time() -> None:
     context: Any = Desk()
-    tell_flood(context, FLOOD)
+    report_flood(context, FLOOD)
     assert pauses(context, 6) == [1.0, 2.0, 4.0, 8.0, LONGEST_AFTER_FLOOD_S, LONGEST_AFTER_FLOOD_S]
 
 
 @pytest.mark.parametrize(("later_s", "first"), [(FORGOTTEN_S - 0.1, 2.0), (FORGOTTEN_S + 0.1, 1.0)])
 def test_one_that_is_flooded_again_goes_on_from_there_until_it_is_forgotten(later_s: float, first: float) -> None:
     context: Any = Desk()
-    tell_flood(context, FLOOD)
-    tell_flood(context, FLOOD)  # it goes on
+    report_flood(context, FLOOD)
+    report_flood(context, FLOOD)  # it goes on
     assert [kind for kind, *_ in context.noted] == ["link.flooded"]
-    tell_flood_over(context)
+    note_flood_over(context)
     context.now += later_s
-    tell_flood(context, FLOOD)
+    report_flood(context, FLOOD)
     assert first_pause_s(context) == first
     assert len(context.noted) == 2
 
 
 def test_a_link_that_comes_back_from_silence_was_not_flooded() -> None:
     context: Any = Desk()
-    tell_flood_over(context)
-    tell_flood(context, FLOOD)
+    note_flood_over(context)
+    report_flood(context, FLOOD)
     assert first_pause_s(context) == FIRST_AFTER_FLOOD_S
 
 
@@ -88,11 +88,11 @@ def test_a_tip_that_was_last_seen_hot_makes_the_loss_critical(cause: LinkError, 
     assert HOT_C == 60
     context: Any = Desk()
     context.ports[1].temperature_c = last_c
-    tell_loss(context, cause)
+    report_loss(context, cause)
     ((_, severity, text, _),) = context.noted
     assert severity is (Severity.CRITICAL if is_hot else Severity.ERROR)
     assert (f"port 1 at {last_c} °C" in text) == is_hot
     assert (context.facts.outages, context.connected) == (1, False)
     context.ports[1].touched = False  # it is as somebody else set it
-    tell_loss(context, LinkError("gone"))
+    report_loss(context, LinkError("gone"))
     assert context.noted[-1][1] is Severity.ERROR

@@ -18,7 +18,7 @@ from jbclog.core.quantities import Value, text_of
 from jbclog.maintenance.counter_totals.observed import Count, Errors, Identity, Observation, Standing
 from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE, Command, Effect, Scope
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
-from jbclog.session.manual.contact import NOWHERE, PORTS, Contact, Place, Target, meet
+from jbclog.session.manual.contact import PORTS, WHOLE_STATION, Contact, Place, Target, open_contact
 from jbclog.transport.read_only import OnlyReads
 
 # -- harmless -----------------------------------------------------------------------------------------------------------------
@@ -64,7 +64,7 @@ class Asking:
     over: str = ""
     over_reason: str = ""
 
-    def twice(self, command: Command, place: Place = NOWHERE) -> Steps[Answer]:
+    def twice(self, command: Command, place: Place = WHOLE_STATION) -> Steps[Answer]:
         """Ask until two answers are the same. Never raises for what the station or its cable does."""
         given: list[Value] = []
         try:
@@ -130,7 +130,7 @@ def look(wanted: SurveyTarget, utc_of: Callable[[float], str]) -> Steps[Observat
 
     Raises `StartRefused` where nobody usable answers, and `LinkError` where there is no port to be had.
     """
-    contact = yield from meet(wanted.target)
+    contact = yield from open_contact(wanted.target)
     client = contact.client
     if not contact.is_proven:
         unread = wanted.unseen(utc_of(client.now), f"{contact.stranger()}; its counters were not read")
@@ -240,7 +240,7 @@ def parameter_name(setting: str, port: int | None) -> str:
 
 def _places(command: Command, seen: _Seen) -> Iterator[Place]:
     if command.scope is Scope.STATION:
-        yield NOWHERE
+        yield WHOLE_STATION
         return
     for port in seen.ports:
         if command.scope is Scope.PORT:

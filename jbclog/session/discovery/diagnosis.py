@@ -9,7 +9,7 @@ from jbclog.core.errors import LinkError, LinkFlooded, PortBusy, PortForbidden, 
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES, accept_line
 from jbclog.protocol.frame import Frame, FrameReader
-from jbclog.session.discovery.found import ADDRESSES, THOROUGH, Finding, PortReport, StationFound, plan_for
+from jbclog.session.discovery.found import ADDRESSES, THOROUGH, PortReport, ScanFinding, StationFound, plan_for
 from jbclog.session.discovery.scan import address_of
 
 SHOWN_BYTES = 12
@@ -29,7 +29,7 @@ FIRMLY = "see that both plugs sit firmly, and keep the cable away from power lin
 PLUG_IN = "pull the adapter out and plug it in again, or start the server behind it"
 
 
-def diagnose(report: PortReport) -> list[Finding]:
+def diagnose(report: PortReport) -> list[ScanFinding]:
     """Return what is wrong with this port; nothing for a station that a run could start with."""
     if report.broken is not None:
         return [_broken(report.url, report.broken)]
@@ -40,55 +40,57 @@ def diagnose(report: PortReport) -> list[Finding]:
     return [_nobody(report)]
 
 
-def _broken(url: str, error: LinkError) -> Finding:
+def _broken(url: str, error: LinkError) -> ScanFinding:
     """Split the message of a `transport` error into problem and step, separated by a semicolon."""
     kind = next(kind for one, kind in BREAKS if isinstance(error, one))
     what, _, step = str(error).removeprefix(url).lstrip(": ").partition("; ")
-    return Finding(kind, url, what, step or PLUG_IN)
+    return ScanFinding(kind, url, what, step or PLUG_IN)
 
 
-def _not_drivable(url: str, station: StationFound, asked: Collection[int | None]) -> Finding:
+def _not_drivable(url: str, station: StationFound, asked: Collection[int | None]) -> ScanFinding:
     who = f"a station answers at {station.line}, {station.addressing}"
     if station.contradicts:
-        return Finding("line.noisy", url, f"{who}, and says something else each time: {station.trouble}", FIRMLY)
+        return ScanFinding("line.noisy", url, f"{who}, and says something else each time: {station.trouble}", FIRMLY)
     if station.robot_mode is False:
-        return Finding("robot_mode.off", url, f"{who}, and refuses with N 00005: Robot mode is off", SWITCH_ON)
+        return ScanFinding("robot_mode.off", url, f"{who}, and refuses with N 00005: Robot mode is off", SWITCH_ON)
     if station.address is not None and station.address not in asked and (station.refusal or station.trouble):
         step = f"ask it: `jbclog scan {url} --addresses {station.address}`; in a line file it is `address = {station.address}`"
         does = f"refuses what was not for it ({station.refusal})" if station.refusal else f"then does not: {station.trouble}"
-        return Finding("line.address", url, f"{who}, and {does}", step)
+        return ScanFinding("line.address", url, f"{who}, and {does}", step)
     if station.refusal is not None:
         step = "set the addresses of its menu to the usual ones (01, or none), and scan again"
-        return Finding("station.refuses", url, f"{who}, and does not say its model ({station.refusal})", step)
+        return ScanFinding("station.refuses", url, f"{who}, and does not say its model ({station.refusal})", step)
     if station.trouble is not None:
-        return Finding("station.silent", url, f"{who}, and then does not: {station.trouble}", "see that its plug sits firmly")
+        return ScanFinding("station.silent", url, f"{who}, and then does not: {station.trouble}", "see that its plug sits firmly")
     driven = ", ".join(name for name, family in FAMILIES.items() if family.models)
     step = f"if you know what it is, name its family in the line file ({driven}), and add {accept_line(str(station.model))}"
-    return Finding("station.unknown", url, f"{who}, and says model {station.model!r}, which no table has", step)
+    return ScanFinding("station.unknown", url, f"{who}, and says model {station.model!r}, which no table has", step)
 
 
-def _nobody(report: PortReport) -> Finding:
+def _nobody(report: PortReport) -> ScanFinding:
     """Return why no station answers, by the surest sign."""
     url = report.url
     if report.binary is not None:
         what = f"what comes at {report.binary} is like JBC's binary protocol, which a station speaks that is not in Robot mode"
-        return Finding("robot_mode.binary", url, what, SWITCH_ON)
+        return ScanFinding("robot_mode.binary", url, what, SWITCH_ON)
     if report.flood is not None:
         return _broken(url, report.flood)
     if report.echoed:
         what = "each question comes back as it was sent, and no answer: a loop-back, or an adapter for RS-485 with echo"
-        return Finding("line.echo", url, what, "take the loop-back off, or take an adapter for RS-232")
+        return ScanFinding("line.echo", url, what, "take the loop-back off, or take an adapter for RS-232")
     heard = list(dict.fromkeys(_heard_addresses(report)))
     if heard:
         return _other_address(report, *heard[0])
     if report.garbage:
-        return Finding(
+        return ScanFinding(
             "line.format", url, f"something speaks, in no line format that was tried: {_heard(report)}", _next_try(report)
         )
     if report.untried:
         step = f"give it more time: `jbclog scan {url}{_options(report)}` without --seconds"
-        return Finding("scan.cut", url, f"nothing answers in {_formats(report)}; the time was over before the rest was tried", step)
-    return Finding("line.silent", url, f"nothing answers in {_formats(report)}", _look_again(report))
+        return ScanFinding(
+            "scan.cut", url, f"nothing answers in {_formats(report)}; the time was over before the rest was tried", step
+        )
+    return ScanFinding("line.silent", url, f"nothing answers in {_formats(report)}", _look_again(report))
 
 
 def _heard_addresses(report: PortReport) -> Iterator[tuple[LineFormat, int]]:
@@ -99,19 +101,19 @@ def _heard_addresses(report: PortReport) -> Iterator[tuple[LineFormat, int]]:
                 yield line, address
 
 
-def _other_address(report: PortReport, line: LineFormat, address: int) -> Finding:
+def _other_address(report: PortReport, line: LineFormat, address: int) -> ScanFinding:
     """Handle a JBC frame from another address: the line format is right, but the station was not tried or is not identified."""
     url, number = report.url, f"{address:02d}"
     kind = {10: ", which 004 gives to solder feeders", 20: ", which 004 gives to fume extractors"}.get(address, "")
     if address in report.asked:
         what = f"a frame of address {number}{kind} came at {line}, and no answer to the question for its model"
         step = "connect a station that jbclog drives; this one does not say its model"
-        return Finding("station.refuses", url, what, step)
+        return ScanFinding("station.refuses", url, what, step)
     asked = ", ".join("none" if one is None else f"{one:02d}" for one in report.asked)
     what = f"a frame of address {number}{kind} came at {line}; asked were the addresses {asked}"
     numbers = _ranges([*(one for one in report.asked if one is not None and one not in ADDRESSES), address])
     step = f"ask it: `jbclog scan {url} --addresses {numbers}`; in a line file it is `address = {address}`"
-    return Finding("line.address", url, what, step)
+    return ScanFinding("line.address", url, what, step)
 
 
 def _look_again(report: PortReport) -> str:

@@ -12,7 +12,7 @@ from jbclog.protocol.commands.family import ROBOT, Family
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class ScanFinding:
     """A problem and the step that fixes it. `kind` is a dotted word for programs; `where` a port, station, folder or machine."""
 
     kind: str

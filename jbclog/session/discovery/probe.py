@@ -73,7 +73,7 @@ def model_question(address: int | None) -> bytes:
 
 
 @dataclass(frozen=True, slots=True)
-class Came:
+class Received:
     """What arrived after a request, or without one. `rest` excludes the request's own echo."""
 
     rest: bytes
@@ -91,19 +91,21 @@ class Probe:
         self.flood: LinkFlooded | None = None
         self._measures_left = MEASURES
 
-    def ask(self, question: bytes, patience_s: float, answer_in: Callable[[bytes], object | None]) -> Steps[Came]:
+    def ask(self, question: bytes, patience_s: float, answer_in: Callable[[bytes], object | None]) -> Steps[Received]:
         """Send `question` and collect until `answer_in` finds an answer, or for `patience_s`."""
         heard = yield Ask(question, patience_s)
         until = heard.sent + patience_s
         return (yield from self._collect(heard, until, question, answer_in))
 
-    def listen(self, seconds: float) -> Steps[Came]:
+    def listen(self, seconds: float) -> Steps[Received]:
         """Collect without a request."""
         until = self.now + seconds
         heard = yield Listen(until)
         return (yield from self._collect(heard, until, b"", lambda _: None))
 
-    def _collect(self, heard: IoResult, until: float, question: bytes, answer_in: Callable[[bytes], object | None]) -> Steps[Came]:
+    def _collect(
+        self, heard: IoResult, until: float, question: bytes, answer_in: Callable[[bytes], object | None]
+    ) -> Steps[Received]:
         data = heard.data
         while heard.data and len(data) < MOST_KEPT and answer_in(_without(question, data)) is None:
             heard = yield Listen(until)
@@ -111,7 +113,7 @@ class Probe:
         self.now = heard.now
         if len(data) >= MOST_KEPT and self._measures_left and self.flood is None:
             yield from self._measure(heard.now)
-        return Came(_without(question, data)[:MOST_KEPT], bool(question) and question in data)
+        return Received(_without(question, data)[:MOST_KEPT], bool(question) and question in data)
 
     def _measure(self, began: float) -> Steps[None]:
         """Count the bytes of a second without requests."""

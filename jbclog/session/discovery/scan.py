@@ -42,8 +42,8 @@ from jbclog.session.discovery.probe import (
     MODEL,
     MOST_KEPT,
     OMEGA_QUESTION,
-    Came,
     Probe,
+    Received,
     is_binary,
     model_question,
     omega_answer,
@@ -115,14 +115,14 @@ def _table(found: StationFound) -> Family:
 
 def _learn_station(client: Client, found: StationFound) -> Steps[None]:
     table = _table(found)
-    software = yield from _told(client, table, "software_version")
+    software = yield from _value_of(client, table, "software_version")
     found.software = None if software is None else str(software)
-    error = yield from _told(client, table, "station_error")
+    error = yield from _value_of(client, table, "station_error")
     if isinstance(error, int) and error:
         found.error = table.station_errors.text(error)
 
 
-def _told(client: Client, table: Family, name: str) -> Steps[Value | None]:
+def _value_of(client: Client, table: Family, name: str) -> Steps[Value | None]:
     """Return the value of a command; None where the family has none, or the station refuses or sends nothing readable."""
     if name not in table.commands:
         return None
@@ -177,14 +177,14 @@ AGAIN = 4  # further requests for the model, at most
 
 
 @dataclass(slots=True)
-class Dial:
+class ScanControl:
     """Shared by the scan and the opener of its port: `line` is the format for the next opening; `stop` ends the scan soon."""
 
     line: LineFormat
     stop: bool = False
 
 
-def scan(plan: ScanPlan, dial: Dial, report: PortReport) -> Steps[None]:
+def scan(plan: ScanPlan, dial: ScanControl, report: PortReport) -> Steps[None]:
     """Fill `report`. Errors of port and station are not raised."""
     began = (yield Wait(0.0)).now
     report.asked = plan.addresses
@@ -201,7 +201,7 @@ def scan(plan: ScanPlan, dial: Dial, report: PortReport) -> Steps[None]:
 class _Scan:
     """One scan in progress."""
 
-    def __init__(self, plan: ScanPlan, dial: Dial, report: PortReport, began: float) -> None:
+    def __init__(self, plan: ScanPlan, dial: ScanControl, report: PortReport, began: float) -> None:
         self.probe = Probe()
         self.probe.now = began
         self._plan = plan
@@ -294,7 +294,7 @@ class _Scan:
             found.trouble = "the link broke while it was asked"
             raise
 
-    def _keep(self, line: LineFormat, came: Came) -> None:
+    def _keep(self, line: LineFormat, came: Received) -> None:
         """Keep bytes that were no answer."""
         self._report.echoed |= came.echoed
         if came.rest:

@@ -50,7 +50,7 @@ class Place(NamedTuple):
         return ", ".join(f"{name} {number}" for name, number in self._asdict().items() if number is not None)
 
 
-NOWHERE = Place()
+WHOLE_STATION = Place()
 
 
 def title(command: Command, place: Place) -> str:
@@ -104,7 +104,7 @@ def _numbered(command: Command, place: Place) -> Command:
     return command if place.condition is None else command.numbered(place.condition)
 
 
-def meet(target: Target) -> Steps[Contact]:
+def open_contact(target: Target) -> Steps[Contact]:
     """Open the port and identify the station. Raises `StartRefused` with what to do, and `LinkError`."""
     client = client_for(target.family, target.line, target.address)
     client.unasked((yield Wait(0.0)))
@@ -252,7 +252,7 @@ def everywhere(contact: Contact, commands: Iterable[Command]) -> Steps[list[tupl
     found: list[tuple[Command, Place]] = []
     for command in commands:
         if command.scope is Scope.STATION:
-            found.append((command, NOWHERE))
+            found.append((command, WHOLE_STATION))
             continue
         for port in ports:
             tool = yield from find_tool(contact, port)

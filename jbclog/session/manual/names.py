@@ -14,7 +14,7 @@ from jbclog.protocol.commands.omega import StoredCondition
 from jbclog.protocol.commands.ranges import allowed
 from jbclog.session.manual.values import words_for
 
-Kind = Callable[[Command], bool]
+CommandFilter = Callable[[Command], bool]
 """Selects commands: `readable` or `writable`."""
 
 MOST_NEAR = 3
@@ -33,7 +33,7 @@ def is_order(command: Command) -> bool:
     return not command.readable and command.limits.low == command.limits.high == 0
 
 
-def find(name: str, family: Family | None, kind: Kind) -> Command:
+def find(name: str, family: Family | None, kind: CommandFilter) -> Command:
     """Return the command of that name; if the family is not known yet, that of any family.
 
     Raises `UsageError` with similar names, or where the command cannot be read, or not written.
@@ -72,7 +72,7 @@ def anywhere() -> Mapping[str, Command]:
     return found
 
 
-class Entry(NamedTuple):
+class NameEntry(NamedTuple):
     """A row of the list of names."""
 
     name: str
@@ -83,14 +83,14 @@ class Entry(NamedTuple):
     remark: str
 
 
-def entries(family: Family, kind: Kind) -> list[Entry]:
+def entries(family: Family, kind: CommandFilter) -> list[NameEntry]:
     """List everything that can be read from or written to a station of this family, in the order of its tables."""
     return [_entry(command, family, kind) for command in family.commands.values() if kind(command)]
 
 
-def _entry(command: Command, family: Family, kind: Kind) -> Entry:
+def _entry(command: Command, family: Family, kind: CommandFilter) -> NameEntry:
     values = values_text(command, family) if command.writable else ""
-    return Entry(command.name, command.unit, values, f"{command.scope.value}", command.manual, _remark(command, kind))
+    return NameEntry(command.name, command.unit, values, f"{command.scope.value}", command.manual, _remark(command, kind))
 
 
 def values_text(command: Command, family: Family) -> str:
@@ -109,7 +109,7 @@ def values_text(command: Command, family: Family) -> str:
     return ", ".join(words) or allowed(command).replace('"off"', "off")  # quotes are for files
 
 
-def _remark(command: Command, kind: Kind) -> str:
+def _remark(command: Command, kind: CommandFilter) -> str:
     if kind is writable:
         return "dangerous" if command.dangerous else ""
     return why_only_by_name(command)
@@ -122,7 +122,7 @@ def why_only_by_name(command: Command) -> str:
     return "needs --condition" if command.scope is Scope.CONDITION else ""
 
 
-def shared(kind: Kind) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
+def shared(kind: CommandFilter) -> list[tuple[tuple[str, ...], tuple[str, ...]]]:
     """List names with the families that have them, the most common first, for `--help`."""
     by_families: dict[tuple[str, ...], list[str]] = {}
     for name in anywhere():

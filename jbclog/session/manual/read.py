@@ -28,14 +28,14 @@ from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.omega import WITHOUT_DIGIT
 from jbclog.protocol.commands.ranges import STILL_C, TEMPERATURES, Possible, is_share, plausibility_check
 from jbclog.session.manual.contact import (
-    NOWHERE,
+    WHOLE_STATION,
     Contact,
     Place,
     Target,
     everywhere,
     find_ports,
     find_tool,
-    meet,
+    open_contact,
     places,
     sentence,
     title,
@@ -71,7 +71,7 @@ def _whole(contact: Contact, command: Command) -> Steps[int | None]:
     """Return the station's maximum of `command`; None where there is none."""
     greatest = contact.family.commands.get(str(command.share_of))
     try:
-        whole = None if greatest is None else (yield from contact.read_confirmed(greatest, NOWHERE))
+        whole = None if greatest is None else (yield from contact.read_confirmed(greatest, WHOLE_STATION))
     except StationError:
         return None
     return whole if isinstance(whole, int) and whole > 0 else None
@@ -116,7 +116,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class ReadResult:
     """A value, or why there is none: then `value` is None, `reason` the record's word and `problem` the sentence.
 
     `data` is the raw data field, of an implausible value the last one; `heard` is when it arrived, monotonic seconds. `is_void`: it
@@ -134,24 +134,24 @@ class Reading:
     is_absent: bool = False
 
 
-Tell = Callable[[Contact, Reading], None]
+OnReading = Callable[[Contact, ReadResult], None]
 """Takes each reading when it arrives, with its station."""
 
 
-def read_value(target: Target, name: str, asked: Place, tell: Tell) -> Steps[None]:
+def read_value(target: Target, name: str, asked: Place, tell: OnReading) -> Steps[None]:
     """Read the value of that name at each place addressed.
 
     Raises `StartRefused` where no usable station answers or the family has no such value, and `LinkError`.
     """
-    contact = yield from meet(target)
+    contact = yield from open_contact(target)
     command = found_after_all(contact, lambda: find(name, contact.family, readable))
     for place in (yield from places(contact, command, asked)):
         tell(contact, (yield from _reading(contact, command, place)))
 
 
-def read_all(target: Target, tell: Tell) -> Steps[None]:
+def read_all(target: Target, tell: OnReading) -> Steps[None]:
     """Read everything that can be read without side effect, at every place. Raises as `read_value` does."""
-    contact = yield from meet(target)
+    contact = yield from open_contact(target)
     for command, place in (yield from everywhere(contact, harmless(contact.family))):
         tell(contact, (yield from _reading(contact, command, place)))
 
@@ -174,7 +174,7 @@ def found_after_all(contact: Contact, look: Callable[[], T]) -> T:
         raise StartRefused(f"{contact.name} is a {contact.model}: {error}") from error
 
 
-def _reading(contact: Contact, command: Command, place: Place) -> Steps[Reading]:
+def _reading(contact: Contact, command: Command, place: Place) -> Steps[ReadResult]:
     """Read one value. Raises only where nothing more can be read."""
     client = contact.client
     try:
@@ -184,14 +184,14 @@ def _reading(contact: Contact, command: Command, place: Place) -> Steps[Reading]
     except StationError as error:
         said = client.data if isinstance(error, ImplausibleAnswer) else ""
         is_absent = isinstance(error, NotSupported)
-        failed = Reading(command, place, None, said, client.now, error.reason, sentence(error), is_absent=is_absent)
+        failed = ReadResult(command, place, None, said, client.now, error.reason, sentence(error), is_absent=is_absent)
         return (yield from _unless_void(contact, failed)) if isinstance(error, Refusal | ImplausibleAnswer) else failed
     if value == WITHOUT_DIGIT:
-        return Reading(command, place, None, client.data, client.heard, "no_digit", WITHOUT_DIGIT, is_void=True)
-    return (yield from _unless_void(contact, Reading(command, place, value, command.raw_text(client.data, value), client.heard)))
+        return ReadResult(command, place, None, client.data, client.heard, "no_digit", WITHOUT_DIGIT, is_void=True)
+    return (yield from _unless_void(contact, ReadResult(command, place, value, command.raw_text(client.data, value), client.heard)))
 
 
-def _unless_void(contact: Contact, reading: Reading) -> Steps[Reading]:
+def _unless_void(contact: Contact, reading: ReadResult) -> Steps[ReadResult]:
     """Remove the value where it means nothing without a tool, or during the port's error.
 
     docs/reference/contradictions.md, B-44.
@@ -239,7 +239,7 @@ def read_tip(target: Target, port: int) -> Steps[TipReadings]:
 
     Raises `StartRefused` where no usable station answers, or there is no such port, tool or temperature.
     """
-    contact = yield from meet(target)
+    contact = yield from open_contact(target)
     ports = yield from find_ports(contact)
     if port not in ports:
         raise StartRefused(f"{contact.name}: there is no port {port}; it has {', '.join(map(str, ports)) or 'none'}")

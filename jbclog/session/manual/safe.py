@@ -21,10 +21,10 @@ from jbclog.protocol.client.make import client_for
 from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE
 from jbclog.protocol.commands.family import Family, family_of
 from jbclog.protocol.commands.ranges import NO_COUNTDOWN
-from jbclog.session.manual.contact import NO_TOOL, PORTS, Contact, Place, Target, expect_borne_out, find_tool, meet
+from jbclog.session.manual.contact import NO_TOOL, PORTS, Contact, Place, Target, expect_borne_out, find_tool, open_contact
 from jbclog.session.manual.read import believed
 from jbclog.session.safety.secure import secure
-from jbclog.session.safety.tools import Task, Tool
+from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
 # A standing tool keeps its setpoint until its sleep delay is over, and its sleep temperature until the hibernation delay is. A
 # value that cannot be read is not known, and counts neither as cooling nor as cold.
@@ -117,7 +117,7 @@ def temperature_of(contact: Contact, port: int) -> Steps[float | None]:
 def temperatures(target: Target, model: str | None, ports: tuple[int, ...]) -> Steps[dict[int, float]]:
     """Return the known temperatures of these tools; none for another station."""
     try:
-        contact = yield from meet(target)
+        contact = yield from open_contact(target)
     except (StationError, StartRefused):
         return {}
     if contact.model != model:
@@ -185,7 +185,7 @@ class StationMadeSafe:
 def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
     """Put every tool of a station in its safe state, after stopping its feeder. Raises `StartRefused` and `LinkError`."""
     try:
-        contact = yield from meet(target)
+        contact = yield from open_contact(target)
     except LinkFlooded as flood:
         if target.family is None or not target.family.safe_states:
             raise
@@ -200,11 +200,11 @@ def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
         )
         return
     tools = yield from _find_tools(contact, made)
-    task = Task(
+    task = SafetyTask(
         contact.client,
         family,
         family.safe_states[0],
-        [Tool(port, suction=None) for port in tools],
+        [ToolSafety(port, suction=None) for port in tools],
         family.has_feeder,
         lambda: _is_still_there(contact),
         spare=True,
@@ -213,7 +213,7 @@ def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
     if family.has_feeder:
         made.feeder = "running" if task.feeds else "stopped"
     for tool, one in zip(task.tools, made.tools, strict=True):
-        yield from _tell(contact, task, tool, one, tools[tool.port])
+        yield from _report(contact, task, tool, one, tools[tool.port])
 
 
 def _order_over_flood(target: Target, family: Family, made: StationMadeSafe, flood: LinkFlooded) -> Steps[None]:
@@ -227,8 +227,8 @@ def _order_over_flood(target: Target, family: Family, made: StationMadeSafe, flo
         model = str((yield from read_confirmed(client, family.commands["model"])))
         return family.proves(model) if target.model is None else model == target.model
 
-    tools = [Tool(port) for port in ports]
-    task = Task(client, family, family.safe_states[0], tools, family.has_feeder, prove, is_proven=False)
+    tools = [ToolSafety(port) for port in ports]
+    task = SafetyTask(client, family, family.safe_states[0], tools, family.has_feeder, prove, is_proven=False)
     yield from secure(task)
     made.family, made.note = family.name, str(flood)
     if family.has_feeder:
@@ -242,7 +242,7 @@ def _order_over_flood(target: Target, family: Family, made: StationMadeSafe, flo
         made.tools.append(one)
 
 
-def _unconfirmed(tool: Tool, task: Task) -> str:
+def _unconfirmed(tool: ToolSafety, task: SafetyTask) -> str:
     what = "was told to rest and does not confirm it" if tool.reached == SafetyResult.SENT else "could not be made safe"
     return f"it {what}{'' if task.flood is None else ' (its link is flooded)'}; it may be hot: {SWITCH_OFF}"
 
@@ -282,7 +282,7 @@ def _find_tools(contact: Contact, made: StationMadeSafe) -> Steps[dict[int, int 
     return tools
 
 
-def _tell(contact: Contact, task: Task, tool: Tool, made: MadeSafe, code: int | None) -> Steps[None]:
+def _report(contact: Contact, task: SafetyTask, tool: ToolSafety, made: MadeSafe, code: int | None) -> Steps[None]:
     status = contact.family.status
     made.rested, made.fell_back = tool.was_spared, tool.fell_back
     made.told = None if tool.ordered is None else status.state(tool.ordered)

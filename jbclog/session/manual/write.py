@@ -1,6 +1,6 @@
 """Writes a value by command: the value before, one write, a read-back.
 
-Errors are raised only before anything was sent; later ones stand in `Written`. Nothing is sent twice, nothing is restored, and
+Errors are raised only before anything was sent; later ones stand in `WriteResult`. Nothing is sent twice, nothing is restored, and
 nobody watches a tool put to work, which the person is warned of.
 """
 
@@ -21,7 +21,18 @@ from jbclog.protocol.commands.command import Command, Effect, Scope
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.omega import ConditionNumber, StoredRecord
 from jbclog.protocol.commands.status import StatusWord
-from jbclog.session.manual.contact import NOWHERE, Contact, Place, Target, expect_proven, find_tool, meet, places, sentence, title
+from jbclog.session.manual.contact import (
+    WHOLE_STATION,
+    Contact,
+    Place,
+    Target,
+    expect_proven,
+    find_tool,
+    open_contact,
+    places,
+    sentence,
+    title,
+)
 from jbclog.session.manual.danger import ONLY_COLD, Keep, expect_cold, take_snapshot
 from jbclog.session.manual.names import find, is_order, writable
 from jbclog.session.manual.read import found_after_all
@@ -46,7 +57,7 @@ Mirror = tuple[Command, Place]
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class WriteRequest:
     """What a person wants written, as typed. `text` is None for an order without a value."""
 
     name: str
@@ -66,7 +77,7 @@ class Change:
 
 
 @dataclass(slots=True)
-class Written:
+class WriteResult:
     """One write in progress. `is_sent` once the station may have received it, `is_answered` once it was acknowledged or timed out:
     a later refusal is one of the read-back.
 
@@ -77,7 +88,7 @@ class Written:
 
     contact: Contact | None = None
     command: Command | None = None
-    place: Place = NOWHERE
+    place: Place = WHOLE_STATION
     value: Value | None = None
     before: Value | None = None
     readback: Value | None = None
@@ -94,12 +105,12 @@ class Written:
         return self.outcome in FINE
 
 
-def write_value(target: Target, change: Change, keep: Keep, written: Written) -> Steps[None]:
+def write_value(target: Target, change: WriteRequest, keep: Keep, written: WriteResult) -> Steps[None]:
     """Write `change` once; `written` has the result so far, also after an exception.
 
     Raises `StartRefused`, `RecordError` (from `keep`) and `LinkError` before anything was sent.
     """
-    contact = written.contact = yield from meet(target)
+    contact = written.contact = yield from open_contact(target)
     yield from expect_proven(contact)
     command, value = found_after_all(contact, lambda: change.meant(contact.family))
     written.command, written.value = command, None if is_order(command) else value
@@ -151,7 +162,7 @@ def _expect_within(contact: Contact, command: Command, value: Value) -> Steps[No
 def _limit(contact: Contact, name: str) -> Steps[float | None]:
     command = contact.family.commands.get(name)
     try:
-        found = None if command is None else (yield from contact.read_confirmed(command, NOWHERE))
+        found = None if command is None else (yield from contact.read_confirmed(command, WHOLE_STATION))
     except NotSupported:
         return None
     except StationError as error:
@@ -181,7 +192,7 @@ def _mirror(contact: Contact, command: Command, value: Value, place: Place) -> M
     return None
 
 
-def _read_before(contact: Contact, command: Command, value: Value, written: Written) -> Steps[None]:
+def _read_before(contact: Contact, command: Command, value: Value, written: WriteResult) -> Steps[None]:
     """Read the value before. A tool's state is ordered even if it cannot be read: the order may stop the tool."""
     mirror = _mirror(contact, command, value, written.place)
     if mirror is None:
@@ -205,7 +216,7 @@ def _is_status(contact: Contact, command: Command) -> bool:
     return command is contact.family.command_of("status")
 
 
-def _write(contact: Contact, command: Command, value: Value, written: Written) -> Steps[None]:
+def _write(contact: Contact, command: Command, value: Value, written: WriteResult) -> Steps[None]:
     written.is_sent, written.outcome = True, WriteOutcome.UNCONFIRMED
     try:
         yield from _send(contact, command, value, written)
@@ -226,7 +237,7 @@ def _without_a_way(command: Command, error: Refusal) -> str:
     )
 
 
-def _send(contact: Contact, command: Command, value: Value, written: Written) -> Steps[None]:
+def _send(contact: Contact, command: Command, value: Value, written: WriteResult) -> Steps[None]:
     client = contact.client
     if command.name == "restart":
         written.seconds = yield from timing.restart(client, command)
@@ -247,7 +258,7 @@ def _send(contact: Contact, command: Command, value: Value, written: Written) ->
         written.outcome = WriteOutcome.SENT
 
 
-def _look_who_is_there(contact: Contact, written: Written) -> Steps[None]:
+def _look_who_is_there(contact: Contact, written: WriteResult) -> Steps[None]:
     """Check whether the station still answers: a reset may also change address, line format and Robot mode."""
     try:
         yield from contact.client.read(timing.MODEL)
@@ -255,7 +266,7 @@ def _look_who_is_there(contact: Contact, written: Written) -> Steps[None]:
         written.problem = f"now it does not answer as before ({sentence(error)}); `jbclog scan` finds out how it does"
 
 
-def _lost(contact: Contact, command: Command, value: Value, written: Written) -> Steps[StationError | None]:
+def _lost(contact: Contact, command: Command, value: Value, written: WriteResult) -> Steps[StationError | None]:
     """Write once; return the error instead of an acknowledgement. Raises `Refusal`."""
     lost = None
     try:
@@ -268,7 +279,7 @@ def _lost(contact: Contact, command: Command, value: Value, written: Written) ->
     return lost
 
 
-def _send_and_read(contact: Contact, command: Command, value: Value, mirror: Mirror, written: Written) -> Steps[None]:
+def _send_and_read(contact: Contact, command: Command, value: Value, mirror: Mirror, written: WriteResult) -> Steps[None]:
     """Write and read back; the read-back decides even after a lost acknowledgement."""
     yield from _lost(contact, command, value, written)
     found = written.readback = yield from contact.read_confirmed(*mirror, known=value)
@@ -284,12 +295,12 @@ def _is_same(contact: Contact, command: Command, found: Value, asked: Value) -> 
     return found == asked
 
 
-def _send_and_look(contact: Contact, command: Command, written: Written) -> Steps[None]:
+def _send_and_look(contact: Contact, command: Command, written: WriteResult) -> Steps[None]:
     """Write an order and check the feeder. Feeding may end before it is seen: only a stop must show."""
     written.at_work = True  # until known otherwise
     lost = yield from _lost(contact, command, 0, written)
     expected = SHOWN_BY[command.name]
-    found = written.readback = yield from contact.read_confirmed(contact.family.commands[FEEDING], NOWHERE, known=expected)
+    found = written.readback = yield from contact.read_confirmed(contact.family.commands[FEEDING], WHOLE_STATION, known=expected)
     written.at_work = found != STOPPED
     if found == expected:
         written.outcome = WriteOutcome.CONFIRMED
@@ -301,7 +312,7 @@ def _send_and_look(contact: Contact, command: Command, written: Written) -> Step
         written.outcome = WriteOutcome.SENT
 
 
-def _look_at_work(contact: Contact, command: Command, written: Written) -> Steps[None]:
+def _look_at_work(contact: Contact, command: Command, written: WriteResult) -> Steps[None]:
     """Determine whether a tool is at work after an order to it, or after another temperature was selected for it."""
     is_refused = written.outcome == WriteOutcome.REFUSED
     if _is_status(contact, command):
@@ -335,7 +346,7 @@ def _status_now(contact: Contact, port: int | None) -> Steps[Value | None]:
         return None
 
 
-def is_order_to_rest(contact: Contact, written: Written) -> bool:
+def is_order_to_rest(contact: Contact, written: WriteResult) -> bool:
     """Whether it is an order to a safe state, or to stop a motor, whose failure must be reported."""
     command = written.command
     if command is None:

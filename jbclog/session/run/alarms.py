@@ -48,7 +48,7 @@ def _is_beyond(side: _Side, port: PortState, value: int | None) -> bool:
     return value is not None and limit is not None and side.beyond(value, limit)
 
 
-class Known(IntEnum):
+class FlagState(IntEnum):
     """What is known about a set flag; each member says more than the one before."""
 
     BEFORE_RUN = 0
@@ -64,25 +64,25 @@ class AlarmWatch:
         self._context = context
         self._port = port
         self._last_read: float | None = None
-        self._told: dict[str, Known] = {}  # set flags, as reported
+        self._reported: dict[str, FlagState] = {}  # set flags, as reported
 
     def read(self, word: tuple[int, ...], now: float) -> None:
         """Process the flags read as `word` at `now`."""
         for side in SIDES:
-            told = self._told.get(side.word)
+            reported = self._reported.get(side.word)
             if word[side.digit] == 1:
                 known = self._known_of(side)
-                if told is None or known > told:
-                    self._told[side.word] = known
-                    self._tell(side, known, told)
-            elif told is not None:
-                del self._told[side.word]
+                if reported is None or known > reported:
+                    self._reported[side.word] = known
+                    self._report(side, known, reported)
+            elif reported is not None:
+                del self._reported[side.word]
                 self._note(side, f"alarm.{side.word}.ended", Severity.INFO, "is no longer set")
         self._start_period(now)
 
     def lost(self, now: float, why: str) -> None:
         """Handle a lost answer: the station has cleared the flags that it sent."""
-        self._told.clear()
+        self._reported.clear()
         text = (
             f"Port {self._port.number}: the answer to the alarm flags was lost ({why}); whether an alarm was raised is not known."
         )
@@ -94,27 +94,27 @@ class AlarmWatch:
         self._port.hottest_c = self._port.coolest_c = None
         self._port.has_counted = counts(self._context, self._port)
 
-    def _known_of(self, side: _Side) -> Known:
+    def _known_of(self, side: _Side) -> FlagState:
         """Classify a set flag by the temperatures since the last reading; only those that count were kept."""
         if self._last_read is None:
-            return Known.BEFORE_RUN
+            return FlagState.BEFORE_RUN
         seen, limit = side.extreme(self._port), self._port.celsius(side.limit)
         if seen is not None and limit is not None and side.beyond(seen, limit):
-            return Known.ALARM
-        return Known.UNCONFIRMED if self._port.has_counted else Known.NOT_COUNTING
+            return FlagState.ALARM
+        return FlagState.UNCONFIRMED if self._port.has_counted else FlagState.NOT_COUNTING
 
-    def _tell(self, side: _Side, known: Known, told: Known | None) -> None:
+    def _report(self, side: _Side, known: FlagState, reported: FlagState | None) -> None:
         seen, limit = side.extreme(self._port), self._port.celsius(side.limit)
-        if known is Known.BEFORE_RUN:
+        if known is FlagState.BEFORE_RUN:
             self._note(side, "alarm.before_run", Severity.INFO, "was set before this run began; it does not count")
-        elif known is Known.NOT_COUNTING:
+        elif known is FlagState.NOT_COUNTING:
             self._note(side, f"alarm.{side.word}.not_working", Severity.INFO, "was raised while heating up or not working")
-        elif known is Known.UNCONFIRMED:
+        elif known is FlagState.UNCONFIRMED:
             self._context.facts.unconfirmed_alarms += 1
             self._note(side, "alarm.unconfirmed", Severity.WARNING, self._not_borne_out(seen, limit), seen, limit)
         else:
             self._context.facts.alarms += 1
-            self._context.facts.unconfirmed_alarms -= told is Known.UNCONFIRMED
+            self._context.facts.unconfirmed_alarms -= reported is FlagState.UNCONFIRMED
             text = f"alarm: {seen} °C was seen, the limit is {limit:g} °C"
             self._note(side, f"alarm.{side.word}", Severity.ERROR, text, seen, limit)
 

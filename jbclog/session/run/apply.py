@@ -21,7 +21,7 @@ from jbclog.session.run.setting import keep_row, read_setting, title_of, touch, 
 from jbclog.session.run.watch import compare_countdowns
 
 COOLING_DELAYS = ("sleep_delay", "hibernation_delay")
-UNTOLD = "not told by the station"  # so the recipe's value cannot be confirmed
+NOT_REPORTED = "not told by the station"  # so the recipe's value cannot be confirmed
 
 
 Wanted = tuple[Setting, PortState | None]
@@ -152,8 +152,10 @@ def _cooling_problems(context: SessionContext, port: PortState, wanted: list[Wan
     asked = {one.command.name: one.value for one, place in wanted if place is port}
     in_force = {name: asked.get(name, port.held[name]) for name in COOLING_DELAYS if name in port.held}
     off = [name.replace("_", " ") for name in COOLING_DELAYS if in_force.get(name) is OFF]
-    untold = [name.replace("_", " ") for name in COOLING_DELAYS if name in context.family.commands and name not in in_force]
-    found = [f"{' and '.join(names)} of port {port.number} {what}" for names, what in ((off, "off"), (untold, UNTOLD)) if names]
+    unreported = [name.replace("_", " ") for name in COOLING_DELAYS if name in context.family.commands and name not in in_force]
+    found = [
+        f"{' and '.join(names)} of port {port.number} {what}" for names, what in ((off, "off"), (unreported, NOT_REPORTED)) if names
+    ]
     if not found:
         return []
     text = f"{' and '.join(found)}, so a tool told to stand {'never cools' if off else 'may never cool'} down"

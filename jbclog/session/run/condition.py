@@ -13,7 +13,7 @@ from jbclog.core.io_requests import RunEnded, Steps
 from jbclog.core.rows import SettingOutcome, SettingRow, Severity
 from jbclog.protocol.commands.omega import ConditionRecord, SetTemperature, StoredRecord, difference, differing
 from jbclog.session.run.context import SessionContext
-from jbclog.session.run.watch import tell_change
+from jbclog.session.run.watch import report_change
 
 BAD = (SettingOutcome.MISMATCH, SettingOutcome.REFUSED)
 
@@ -58,7 +58,7 @@ def check_condition(context: SessionContext) -> Steps[None]:
     if found != before:
         context.held["condition"] = found
         was, now = (", ".join(f"{one[0]} {one[place]}" for one in differing(before, found)) for place in (1, 2))
-        tell_change(context, None, f"condition_{before.condition}", was, now)
+        report_change(context, None, f"condition_{before.condition}", was, now)
 
 
 def _read(context: SessionContext, number: int) -> Steps[StoredRecord]:
@@ -77,12 +77,12 @@ def _held(context: SessionContext, wanted: ConditionRecord) -> Steps[StoredRecor
     except StationError as error:
         raise StartRefused(f"{context.name}: cannot read condition {wanted.condition}: {error}") from error
     if isinstance(held, SetTemperature):
-        _tell_unresolved(context, held)
+        _note_unknown_scale(context, held)
     context.held["condition"] = held
     return held
 
 
-def _tell_unresolved(context: SessionContext, held: SetTemperature) -> None:
+def _note_unknown_scale(context: SessionContext, held: SetTemperature) -> None:
     """Note a temperature whose scale is not known (docs/reference/contradictions.md, B-51)."""
     raw = held.set_temperature_raw
     place = f"condition {held.condition}: {raw} on the wire, {raw / 10:.1f} °C if it is in tenths and {raw} °C if it is not"

@@ -246,7 +246,7 @@ class SessionContext:
         event = EventRow(time, kind, severity, text, self.name, port, earliest, code, value, limit, raw)
         self.journal.event(event, at_once=at_once)
 
-    def tell_anomalies(self) -> None:
+    def report_anomalies(self) -> None:
         """Record anomalies of the station that are new; each kind once."""
         for one in self.station.anomalies.take():
             decision = DECISIONS[one.number]
@@ -266,7 +266,7 @@ class SessionContext:
         self.facts.not_supported = sorted(self.not_supported)
         self.facts.garbage_bytes = self.station.garbage_bytes
         self.facts.strays = dict(self.station.strays)
-        self.tell_anomalies()
+        self.report_anomalies()
         self.facts.anomalies = dict(sorted(self.station.anomalies.counts.items()))
         self.facts.doubted = dict(self.doubted)
         self.facts.last_temperature_c = {p.number: p.temperature_c for p in self.ports.values() if p.temperature_c is not None}

@@ -38,7 +38,7 @@ FORGOTTEN_S: Final = 60.0  # time without a flood after which the next one count
 HOT_C: Final = 60  # a tip last read above this counts as hot
 
 
-def tell_loss(context: SessionContext, cause: LinkError | StationError) -> None:
+def report_loss(context: SessionContext, cause: LinkError | StationError) -> None:
     """Record the loss."""
     context.facts.outages += 1
     context.connected = False
@@ -47,7 +47,7 @@ def tell_loss(context: SessionContext, cause: LinkError | StationError) -> None:
         context.note("robot.off", Severity.ERROR, text)
         return
     if isinstance(cause, LinkFlooded):
-        tell_flood(context, cause)
+        report_flood(context, cause)
         return
     severity, warning = _heat(context)
     if isinstance(cause, OtherStation):
@@ -57,7 +57,7 @@ def tell_loss(context: SessionContext, cause: LinkError | StationError) -> None:
         context.note("link.lost", severity, f"The station cannot be reached: {cause}.{warning}")
 
 
-def tell_flood(context: SessionContext, flood: LinkFlooded) -> None:
+def report_flood(context: SessionContext, flood: LinkFlooded) -> None:
     """Record a flood, unless one was recorded since the station last answered."""
     if context.is_flooded:
         return
@@ -70,7 +70,7 @@ def tell_flood(context: SessionContext, flood: LinkFlooded) -> None:
     context.note("link.flooded", severity, text, since=context.now - flood.seconds, value=flood.came, limit=flood.limit)
 
 
-def tell_flood_over(context: SessionContext) -> None:
+def note_flood_over(context: SessionContext) -> None:
     """Note that the station has been reached again."""
     if context.is_flooded:
         context.is_flooded, context.flood_ended = False, context.now
@@ -200,7 +200,7 @@ def _hours(context: SessionContext, number: int, known: int | None = None) -> St
 CORRECT_IT = "Correct `model`, or the cable"
 
 
-class Absent(StartRefused):
+class StationAbsent(StartRefused):
     """The station did not answer at the start."""
 
 
@@ -239,8 +239,8 @@ def connect(context: SessionContext, *, reopen: bool, tries: int) -> Steps[str |
     except LinkError as error:
         context.is_proven = False
         if isinstance(error, LinkFlooded):
-            tell_flood(context, error)
-        raise Absent(f"{context.name}: {error}") from error
+            report_flood(context, error)
+        raise StationAbsent(f"{context.name}: {error}") from error
 
 
 def _answer(context: SessionContext, tries: int) -> Steps[str | None]:
@@ -256,7 +256,7 @@ def _answer(context: SessionContext, tries: int) -> Steps[str | None]:
             raise StartRefused(f"{context.name}: Robot mode is off; switch it on in the station's menu") from error
         except StationError as error:
             if number == tries:
-                raise Absent(_no_answer(context, error, tries)) from error
+                raise StationAbsent(_no_answer(context, error, tries)) from error
         yield from pause(context.station, number)
     raise AssertionError("no try at all")
 

@@ -18,34 +18,34 @@ from jbclog.session.run.identify import (
     connect,
     first_pause_s,
     next_pause_s,
+    note_flood_over,
     recognise,
-    tell_flood,
-    tell_flood_over,
-    tell_loss,
+    report_flood,
+    report_loss,
 )
-from jbclog.session.run.sampling import Lost, Sampler
-from jbclog.session.run.watch import stop_on, tell_change
+from jbclog.session.run.sampling import Sampler, StationLost
+from jbclog.session.run.watch import report_change, stop_on
 
 SEEK_AT_END_S = 3.0  # after the run's end, before a station counts as gone: its tools must be made safe anyway
 
 
-class Gone(Exception):
+class StationGone(Exception):
     """The run ended during an outage, and the station did not come back right after."""
 
 
-def outage(context: SessionContext, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
+def outage(context: SessionContext, sampler: Sampler, tick: int, lost: StationLost) -> Steps[int]:
     """Bridge an outage that began in `tick`; return the tick at which sampling resumes.
 
-    Raises `Gone` where the run ends first and the station does not come back soon, `SettingChanged` where the recipe stops on a
-    difference.
+    Raises `StationGone` where the run ends first and the station does not come back soon, `SettingChanged` where the recipe
+    stops on a difference.
     """
-    tell_loss(context, lost.cause)
+    report_loss(context, lost.cause)
     context.is_proven &= not isinstance(lost.cause, LinkError)
     sampler.begin_outage(tick)
     return (yield from sampler.watched(_live_through(context, sampler, tick, lost)))
 
 
-def _live_through(context: SessionContext, sampler: Sampler, tick: int, lost: Lost) -> Steps[int]:
+def _live_through(context: SessionContext, sampler: Sampler, tick: int, lost: StationLost) -> Steps[int]:
     began, pause = context.now, first_pause_s(context)
     last_heard = min(context.station.heard, began)
     why = lost.cause.reason if isinstance(lost.cause, RobotModeOff) else LinkError.reason
@@ -69,7 +69,7 @@ def _live_through(context: SessionContext, sampler: Sampler, tick: int, lost: Lo
         _resume(context, began, why, held)
         return tick
     away = f"away for {context.now - last_heard:.1f} s, still {context.now - over:.0f} s after the end of the run"
-    raise Gone(f"{context.name}: {away} ({lost})")
+    raise StationGone(f"{context.name}: {away} ({lost})")
 
 
 def _seek_at_end(context: SessionContext, *, reopen: bool) -> Steps[bool]:
@@ -89,13 +89,13 @@ def _seek_at_end(context: SessionContext, *, reopen: bool) -> Steps[bool]:
 
 def _resume(context: SessionContext, began: float, why: str, held: dict[int | None, dict[str, Value]]) -> None:
     """Report that the station is back, with its changes."""
-    _tell_return(context, began, why)
+    _report_return(context, began, why)
     _compare(context, held)
 
 
-def _tell_return(context: SessionContext, began: float, why: str) -> None:
+def _report_return(context: SessionContext, began: float, why: str) -> None:
     context.connected = True
-    tell_flood_over(context)
+    note_flood_over(context)
     away = context.now - began
     kind = "robot.on" if why == "robot_off" else "link.back"
     known = "its identity and settings have been read again"
@@ -115,7 +115,7 @@ def _seek(context: SessionContext, *, reopen: bool) -> Steps[bool]:
         yield from _read_tools(context)
         yield from read_all(context)
     except LinkFlooded as flood:
-        tell_flood(context, flood)
+        report_flood(context, flood)
         return False
     except (LinkError, StartRefused, StationError):
         return False
@@ -150,7 +150,7 @@ def _compare(context: SessionContext, before: dict[int | None, dict[str, Value]]
             found = now.get(name)
             if found is not None and _is_watched(context, port, name) and not _is_alike(context, name, value, found):
                 command = context.command(name)
-                changes.append(tell_change(context, port, name, command.shown(value), command.shown(found)))
+                changes.append(report_change(context, port, name, command.shown(value), command.shown(found)))
         if port is not None:
             note_status(port)
     stop_on(context, changes)

@@ -17,7 +17,7 @@ from jbclog.session.scheduler import (
     AUTO_RATES_HZ,
     KEPT_FOR_REPEATS,
     Demand,
-    Reading,
+    ScheduledRead,
     identity_readings,
     readings_of,
     watched_readings,
@@ -27,15 +27,15 @@ SOME_RATES = ", ".join(f"{rate_hz:g}" for rate_hz in AUTO_RATES_HZ[:6]) + " …"
 
 
 @dataclass(frozen=True, slots=True)
-class Pace:
+class SamplingPlan:
     """The readings of a run and their period; `paced` is False without pause."""
 
-    readings: list[Reading]
+    readings: list[ScheduledRead]
     period_s: float
     paced: bool
 
 
-def readings_for(family: Family, ports: Sequence[int], recipe: Recipe, line: LineFormat, addressed: bool) -> list[Reading]:
+def readings_for(family: Family, ports: Sequence[int], recipe: Recipe, line: LineFormat, addressed: bool) -> list[ScheduledRead]:
     """List everything that a run, or `plan`, reads repeatedly on a station of `family` with `ports`."""
     sampling = recipe.sampling
     signals = [(signal, family.commands[signal.command]) for signal in family.signals]
@@ -48,16 +48,16 @@ def readings_for(family: Family, ports: Sequence[int], recipe: Recipe, line: Lin
 
 
 @dataclass(frozen=True, slots=True)
-class Response:
+class ResponseTimes:
     """Response time of a station in seconds: the usual one, and the longest that a rate must still fit."""
 
     usual_s: float
     longest_s: float
 
 
-def response(family: Family, median_s: float, p99_s: float) -> Response:
+def response(family: Family, median_s: float, p99_s: float) -> ResponseTimes:
     """Return the response times for choosing a rate; the longest measured one counts where the manual prints that it varies."""
-    return Response(median_s, median_s if family.turnaround_ms is None else p99_s)
+    return ResponseTimes(median_s, median_s if family.turnaround_ms is None else p99_s)
 
 
 def asked_rate(rate: float | str | None, recipe: Recipe, family: Family | None) -> float | str:
@@ -65,7 +65,7 @@ def asked_rate(rate: float | str | None, recipe: Recipe, family: Family | None) 
     return recipe.asked_rate(family) if rate is None else rate
 
 
-def taken_rate_hz(asked: float | str, recipe: Recipe, family: Family, demand: Demand, response: Response) -> float:
+def taken_rate_hz(asked: float | str, recipe: Recipe, family: Family, demand: Demand, response: ResponseTimes) -> float:
     """Return the rate in Hz for `asked` (not ``max``); 0.0 where none fits. A number is taken as it is.
 
     ``auto`` must hold for the whole run, so it allows for the longest response time that the manual prints.
@@ -78,7 +78,7 @@ def taken_rate_hz(asked: float | str, recipe: Recipe, family: Family, demand: De
     return float(asked)
 
 
-def choose_pace(context: SessionContext) -> Pace:
+def choose_pace(context: SessionContext) -> SamplingPlan:
     """Choose the rate. Raises `StartRefused` naming the best rate and the maximum response time where it does not fit."""
     order, facts = context.order, context.facts
     readings = readings_for(context.family, list(context.ports), context.recipe, order.line, order.address is not None)
@@ -88,13 +88,13 @@ def choose_pace(context: SessionContext) -> Pace:
     usual = response(context.family, seen["median"] / 1e6, seen["p99"] / 1e6)
     asked = facts.asked_rate = asked_rate(order.rate, context.recipe, context.family)
     if asked == AS_FAST_AS_POSSIBLE:
-        return Pace(readings, demand.tick_s(usual.longest_s), False)
+        return SamplingPlan(readings, demand.tick_s(usual.longest_s), False)
     facts.rate_hz = _rate_hz(context, asked, demand, usual)
     facts.period_s = 1 / facts.rate_hz
-    return Pace(readings, facts.period_s, True)
+    return SamplingPlan(readings, facts.period_s, True)
 
 
-def _rate_hz(context: SessionContext, asked: float | str, demand: Demand, response: Response) -> float:
+def _rate_hz(context: SessionContext, asked: float | str, demand: Demand, response: ResponseTimes) -> float:
     if demand.best_rate_hz(response.longest_s) <= 0:
         raise StartRefused(f"{context.name}: with {response.longest_s * 1000:.1f} ms of turnaround no rate at all fits its wire")
     taken = taken_rate_hz(asked, context.recipe, context.family, demand, response)

@@ -17,7 +17,7 @@ from jbclog.protocol.commands.omega import OMEGA_SIGNALS, TRUE_ANSWERS, WITHOUT_
 from jbclog.protocol.commands.ranges import NO_COUNTDOWN, STILL_C, TEMPERATURES, Possible, is_share, plausibility_check
 from jbclog.protocol.commands.signals import STATUS_COLUMNS
 from jbclog.session.run.context import PortState, SessionContext
-from jbclog.session.scheduler import Reading
+from jbclog.session.scheduler import ScheduledRead
 
 Fill = Callable[[SampleRow, Value], None]
 
@@ -94,7 +94,7 @@ SPECIAL: dict[str, Fill] = {
 }
 
 
-def fill_of(reading: Reading, context: SessionContext) -> Fill:
+def fill_of(reading: ScheduledRead, context: SessionContext) -> Fill:
     """Return how the answer to a reading fills its columns."""
     signal = reading.name
     if signal == "status":
@@ -110,7 +110,7 @@ def whole_of(command: Command, context: SessionContext) -> int | None:
     return whole if isinstance(whole, int) and whole > 0 else None
 
 
-def unusable(reading: Reading, value: Value, port: PortState, context: SessionContext) -> str | None:
+def unusable(reading: ScheduledRead, value: Value, port: PortState, context: SessionContext) -> str | None:
     """Return why a well-formed value is not recorded; None where it is.
 
     A countdown that does not run has no remaining time, a share of an unknown maximum is not known, and an answer without its digit
@@ -139,7 +139,7 @@ def _is_counting(port: PortState) -> bool:
 # is repeated, but is read again before that is decided.
 
 
-def possible_of(context: SessionContext, reading: Reading) -> Possible | None:
+def possible_of(context: SessionContext, reading: ScheduledRead) -> Possible | None:
     """Return a check whether an answer to `reading` can be true; None where every answer can."""
     possible = plausibility_check(reading.name, context.family)
     if possible is None and reading.command.share_of is not None:
@@ -172,13 +172,13 @@ Doubt = Callable[[SessionContext, PortState, Value], bool]
 class SecondLook:
     """The second look at doubtful values of one reading."""
 
-    reading: Reading
+    reading: ScheduledRead
     port: PortState
     question: PreparedRead
     doubt: Doubt | None
     possible: Possible | None = None
     heard_at: float | None = None  # time of the last accepted answer
-    told_at: float | None = None  # time of the last doubtful one
+    reported_at: float | None = None  # time of the last doubtful one
 
     def is_due(self, context: SessionContext, value: Value) -> bool:
         """Whether `value` is doubtful."""
@@ -255,8 +255,8 @@ class SecondLook:
 
     def _mark(self, context: SessionContext, given: Sequence[Value], value: Value, *, is_jump: bool) -> None:
         context.doubted[self.reading.command.name] += 1
-        is_new = self.told_at is None or context.now - self.told_at > SERIES_S
-        self.told_at = context.now
+        is_new = self.reported_at is None or context.now - self.reported_at > SERIES_S
+        self.reported_at = context.now
         if not is_new:
             return
         if is_jump:

@@ -6,9 +6,9 @@ from jbclog.core.io_requests import Steps, Wait
 from jbclog.core.rows import Severity
 from jbclog.core.states import SafetyResult
 from jbclog.session.run.context import PortState, SessionContext
-from jbclog.session.run.identify import recognise, tell_flood
+from jbclog.session.run.identify import recognise, report_flood
 from jbclog.session.safety.secure import secure
-from jbclog.session.safety.tools import Task, Tool
+from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
 
 def make_safe(context: SessionContext) -> Steps[None]:
@@ -28,22 +28,22 @@ def make_safe(context: SessionContext) -> Steps[None]:
     if may_feed:
         context.note("safety.not_safe", Severity.CRITICAL, f"{context.facts.unsafe[0]}.")
     for port, tool in zip(touched, task.tools, strict=True):
-        _tell(context, port, tool)
+        _report(context, port, tool)
     context.publish()
 
 
 def put_in_safe_state(context: SessionContext, port: PortState) -> Steps[None]:
     """Order the safe state on one port until it is read back, and report the result."""
     (tool,) = (yield from _put(context, [port], feeds=False)).tools
-    _tell(context, port, tool)
+    _report(context, port, tool)
 
 
-def _put(context: SessionContext, ports: list[PortState], *, feeds: bool) -> Steps[Task]:
+def _put(context: SessionContext, ports: list[PortState], *, feeds: bool) -> Steps[SafetyTask]:
     """Make these ports safe. The facts have the result even after an exception."""
-    tools = [Tool(port.number, context.keeps_suction(port)) for port in ports]
+    tools = [ToolSafety(port.number, context.keeps_suction(port)) for port in ports]
     spare = context.spares_resting
     is_stranger = context.stranger is not None
-    task = Task(
+    task = SafetyTask(
         context.station,
         context.family,
         context.safe_state,
@@ -60,7 +60,7 @@ def _put(context: SessionContext, ports: list[PortState], *, feeds: bool) -> Ste
     finally:
         context.is_proven = task.is_proven
         if task.flood is not None:
-            tell_flood(context, task.flood)
+            report_flood(context, task.flood)
         for port, tool in zip(ports, tools, strict=True):
             context.facts.safe_state[port.number] = tool.reached
             port.status = tool.status or port.status
@@ -76,7 +76,7 @@ def _is_verified(context: SessionContext, port: PortState) -> bool:
     return context.facts.safe_state[port.number] == SafetyResult.VERIFIED
 
 
-def _tell(context: SessionContext, port: PortState, tool: Tool) -> None:
+def _report(context: SessionContext, port: PortState, tool: ToolSafety) -> None:
     if _is_verified(context, port):
         text, severity = (
             f"Port {port.number}: the tool is in its safe state, as read back: {_state_of(context, port)}",

@@ -22,9 +22,9 @@ from jbclog.session.run.alarms import AlarmWatch
 from jbclog.session.run.apply import read_tool, readable_settings
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.safe import put_in_safe_state
-from jbclog.session.run.scan import SKIPPED, Probe, Scan, Scanner
-from jbclog.session.run.watch import tell_late
-from jbclog.session.scheduler import Demand, Grid, Reading, SlowReadings
+from jbclog.session.run.scan import SKIPPED, PortScan, Scanner, SignalRead
+from jbclog.session.run.watch import report_completions
+from jbclog.session.scheduler import Demand, Grid, ScheduledRead, SlowReadings
 
 # A tool connected or changed during the run: its settings are read, never written. If it would not cool down by itself (its sleep
 # delay is off), its port goes to the safe state at once (docs/reference/safe-states.md).
@@ -83,7 +83,7 @@ LONGEST_S: Final = 300.0
 
 
 @dataclass(slots=True)
-class Busy:
+class SkippedTicks:
     """Skipped ticks not reported yet. Times are monotonic seconds; `since` is when the first tick was due."""
 
     ticks: int = 0
@@ -101,7 +101,7 @@ class Busy:
         self.late_s = max(self.late_s, now - due)
         self.last = now
 
-    def is_to_be_told(self, now: float) -> bool:
+    def is_due(self, now: float) -> bool:
         return self.ticks > 0 and (now - self.last >= QUIET_S or now - self.since >= LONGEST_S)
 
     def text(self, period_s: float) -> str:
@@ -122,7 +122,7 @@ class Busy:
 SUSPENDED_S = 5.0  # a longer standstill of the host is an event, and its ticks have no rows
 
 
-class Span(NamedTuple):
+class LateSpan(NamedTuple):
     """From the latest time at which a request should have returned to the time at which it did, monotonic seconds."""
 
     begin: float
@@ -140,7 +140,7 @@ class Standstill:
     Waiting is no standstill: that begins when the pending request should have ended.
     """
 
-    spans: list[Span] = field(default_factory=list)
+    spans: list[LateSpan] = field(default_factory=list)
     late_s: float = 0.0
     _due: float = -inf  # until here the host was running, or had nothing to do
 
@@ -154,13 +154,13 @@ class Standstill:
             except Exception:  # without a time: does not count as the host's
                 self._due = _latest(request, self._due)
                 raise
-            self._note(Span(min(_latest(request, self._due), _held_up(request, heard)), heard.now))
+            self._note(LateSpan(min(_latest(request, self._due), _held_up(request, heard)), heard.now))
             self._due = heard.now
             return heard
 
         return relay(steps, timed)
 
-    def _note(self, late: Span) -> None:
+    def _note(self, late: LateSpan) -> None:
         self.late_s += max(late.seconds, 0.0)
         if late.seconds > SUSPENDED_S:
             self.spans.append(late)
@@ -189,7 +189,7 @@ def _held_up(request: Request, heard: IoResult) -> float:
 FINISH_S = 0.5  # a tick in which the run is ended may take this much longer; hot tools are waiting
 
 
-class Lost(Exception):
+class StationLost(Exception):
     """The station cannot be reached any more, because of `cause`. `outage` handles it."""
 
     def __init__(self, cause: LinkError | StationError) -> None:
@@ -200,7 +200,7 @@ class Lost(Exception):
 class Sampler:
     """Samples one station. On a grid (`paced`) ticks are due times; without pause they are scans."""
 
-    def __init__(self, context: SessionContext, readings: list[Reading], grid: Grid, *, paced: bool) -> None:
+    def __init__(self, context: SessionContext, readings: list[ScheduledRead], grid: Grid, *, paced: bool) -> None:
         self.context = context
         self.grid = grid
         self.paced = paced
@@ -208,19 +208,19 @@ class Sampler:
         self.slow = self._slow_readings(readings)
         self.end = None if context.order.duration_s is None else context.now + context.order.duration_s
         self._standstill = Standstill()
-        self._busy = Busy()
-        self._slow = Busy()
+        self._busy = SkippedTicks()
+        self._slow = SkippedTicks()
         self._late_s = 0.0  # current delay caused by the computer
         context.facts.skipped_by_host = context.facts.skipped_by_host or 0
         self._ending: RunEnded | None = None
         self._finish_by = math.inf
         self._scanner = Scanner(context)
-        self._probes = {(one.name, one.port): Probe.of(context, one) for one in readings}
+        self._probes = {(one.name, one.port): SignalRead.of(context, one) for one in readings}
         self._scans = {
-            port.number: Scan(port, self._fast_of(port.number), AlarmWatch(context, port)) for port in context.ports.values()
+            port.number: PortScan(port, self._fast_of(port.number), AlarmWatch(context, port)) for port in context.ports.values()
         }
 
-    def _slow_readings(self, readings: list[Reading]) -> SlowReadings:
+    def _slow_readings(self, readings: list[ScheduledRead]) -> SlowReadings:
         if not self.paced:
             return SlowReadings(readings, self.context.now)
         demand, turnaround_s = Demand.of(readings), self.context.facts.turnaround_us["median"] / 1e6
@@ -232,7 +232,7 @@ class Sampler:
             runs_over=demand.runs_over(1 / self.grid.period_s, turnaround_s),
         )
 
-    def _fast_of(self, port: int) -> list[Probe]:
+    def _fast_of(self, port: int) -> list[SignalRead]:
         return [probe for probe in self._probes.values() if probe.reading.period_s is None and probe.reading.port == port]
 
     def is_over(self, tick: int) -> bool:
@@ -243,7 +243,7 @@ class Sampler:
     def run(self, tick: int) -> Steps[int]:
         """Sample from `tick` on; return the tick after the last.
 
-        Raises `Lost` after writing the rows of its tick, and `StartRefused` where the station has nothing to sample.
+        Raises `StationLost` after writing the rows of its tick, and `StartRefused` where the station has nothing to sample.
         """
         while not self.is_over(tick):
             self._standstill.spans.clear()
@@ -251,10 +251,10 @@ class Sampler:
             yield from self.watched(self._await(tick))
             if not any(scan.fast for scan in self._scans.values()):  # without pause the loop would never wait
                 raise StartRefused(f"{self.context.name}: it knows none of the signals that are read on every tick")
-            tell_late(self.context)
+            report_completions(self.context)
             yield from self.watched(self._meet_new_tools())
             tick = self._following(tick)
-            self._tell_skipped()
+            self._report_skipped()
         return tick
 
     def watched(self, steps: Steps[T]) -> Steps[T]:
@@ -277,7 +277,7 @@ class Sampler:
                 try:
                     yield from meet_tool(self.context, port)
                 except (LinkError, StationSilent, RobotModeOff) as error:
-                    raise Lost(error) from error
+                    raise StationLost(error) from error
 
     def _following(self, tick: int) -> int:
         if not self.paced:
@@ -315,17 +315,17 @@ class Sampler:
             self.context.facts.skipped_by_host = (self.context.facts.skipped_by_host or 0) + ticks
             self._busy.add(ticks, self.grid.due(first), self.context.now)
 
-    def _tell_skipped(self, *, is_over: bool = False) -> None:
+    def _report_skipped(self, *, is_over: bool = False) -> None:
         """Report the ticks skipped by the computer and by the station, each after a pause, or at the end."""
         period_s = self.grid.period_s
-        if self._busy.is_to_be_told(self.context.now) or (is_over and self._busy.ticks):
-            busy, self._busy = self._busy, Busy()
-            self._tell_late(KIND, busy, busy.text(period_s))
-        if self._slow.is_to_be_told(self.context.now) or (is_over and self._slow.ticks):
-            slow, self._slow = self._slow, Busy()
-            self._tell_late(SLOW_KIND, slow, slow.text_of_station(period_s, self.context.name))
+        if self._busy.is_due(self.context.now) or (is_over and self._busy.ticks):
+            busy, self._busy = self._busy, SkippedTicks()
+            self._report_late(KIND, busy, busy.text(period_s))
+        if self._slow.is_due(self.context.now) or (is_over and self._slow.ticks):
+            slow, self._slow = self._slow, SkippedTicks()
+            self._report_late(SLOW_KIND, slow, slow.text_of_station(period_s, self.context.name))
 
-    def _tell_late(self, kind: str, late: Busy, text: str) -> None:
+    def _report_late(self, kind: str, late: SkippedTicks, text: str) -> None:
         self.context.note(kind, Severity.WARNING, text, since=late.since, value=late.ticks, raw=f"late_s={late.late_s:.3f}")
 
     def _tick(self, tick: int) -> Steps[None]:
@@ -342,14 +342,14 @@ class Sampler:
         except (LinkError, StationSilent, RobotModeOff) as error:
             unasked = error.reason if isinstance(error, RobotModeOff) else LinkError.reason
             self.context.connected = self._ending is None
-            raise self._ending or Lost(error) from error
+            raise self._ending or StationLost(error) from error
         finally:
             for scan in scans:
                 self._scanner.finish(scan, unasked, due)
         if self._ending is not None:
             raise self._ending
 
-    def _take_fast(self, scan: Scan) -> Steps[None]:
+    def _take_fast(self, scan: PortScan) -> Steps[None]:
         """Read the fast signals of one port. If the run is ended meanwhile, finish them first.
 
         A driver ends a run once, and half a row would count as loss.
@@ -439,7 +439,7 @@ class Sampler:
     def account(self) -> None:
         """Put the numbers of due and obtained readings into the facts."""
         facts = self.context.facts
-        self._tell_skipped(is_over=True)
+        self._report_skipped(is_over=True)
         facts.worst_slow_periods = round(self.slow.worst_periods, 2)
         for (name, port), probe in self._probes.items():
             due = facts.due.setdefault(str(port), {})

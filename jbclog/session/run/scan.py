@@ -27,7 +27,7 @@ from jbclog.session.run.watch import (
     is_no_tool,
     note_zero_countdown,
 )
-from jbclog.session.scheduler import Reading
+from jbclog.session.scheduler import ScheduledRead
 
 WIDTH = len(SAMPLE_COLUMNS)
 SKIPPED = "skipped"
@@ -88,10 +88,10 @@ DOUBTS: dict[str, Doubt] = {
 
 
 @dataclass(slots=True)
-class Probe:
+class SignalRead:
     """A reading with everything needed to process its answer, and its statistics."""
 
-    reading: Reading
+    reading: ScheduledRead
     question: PreparedRead
     port: PortState
     fill: Fill | None
@@ -105,7 +105,7 @@ class Probe:
     is_lacking: bool = False  # the station does not have it
 
     @classmethod
-    def of(cls, context: SessionContext, reading: Reading) -> Probe:
+    def of(cls, context: SessionContext, reading: ScheduledRead) -> SignalRead:
         question = context.station.question(reading.command, reading.asks_port)
         fill = fill_of(reading, context) if reading.columns else None
         place = COLUMN[reading.columns[0]] if reading.columns else None
@@ -116,11 +116,11 @@ class Probe:
 
 
 @dataclass(slots=True)
-class Scan:
+class PortScan:
     """One port in one tick, with its row."""
 
     port: PortState
-    fast: list[Probe]
+    fast: list[SignalRead]
     alarms: AlarmWatch
     row: SampleRow = field(default_factory=list)
     reasons: dict[str, str] = field(default_factory=dict)
@@ -137,14 +137,14 @@ class Scanner:
         self._context = context
         self._station = context.station
 
-    def begin(self, scan: Scan, tick: int) -> None:
+    def begin(self, scan: PortScan, tick: int) -> None:
         row: SampleRow = [None] * WIDTH
         row[_TICK], row[_STATION], row[_PORT] = tick, self._context.name, scan.port.number
         scan.row, scan.reasons = row, {}
         scan.first_sent = scan.last_heard = scan.temperature_at = None
         scan.no_tool = is_no_tool(self._context, scan.port)
 
-    def take(self, probe: Probe, scan: Scan) -> Steps[None]:
+    def take(self, probe: SignalRead, scan: PortScan) -> Steps[None]:
         """Read one value; store it, or the reason why there is none.
 
         Raises what makes further requests impossible: `LinkError`, `StationSilent`, `RobotModeOff`, and the run's end.
@@ -184,7 +184,7 @@ class Scanner:
             if scan.first_sent is None:
                 scan.first_sent = self._station.first_sent
 
-    def _lacks(self, probe: Probe, scan: Scan, error: NotSupported) -> None:
+    def _lacks(self, probe: SignalRead, scan: PortScan, error: NotSupported) -> None:
         """Handle NotSupported: a signal that was never answered does not exist; it is not due and not read again."""
         why = self._why_unread(probe, scan, error)
         if probe.is_known or scan.no_tool or why != error.reason:
@@ -195,12 +195,12 @@ class Scanner:
         scan.fast = [one for one in scan.fast if one is not probe]
         self._context.not_supported.add(probe.reading.name)
 
-    def _why_unread(self, probe: Probe, scan: Scan, error: StationError | LinkError) -> str:
+    def _why_unread(self, probe: SignalRead, scan: PortScan, error: StationError | LinkError) -> str:
         """Return the reason; a station may refuse or garble what means nothing at the moment."""
         meaningless = isinstance(error, Refusal | ImplausibleAnswer) and void(probe.reading.name, scan.port, self._context)
         return meaningless or error.reason
 
-    def _keep(self, probe: Probe, scan: Scan, value: Value) -> None:
+    def _keep(self, probe: SignalRead, scan: PortScan, value: Value) -> None:
         name = probe.reading.name
         if name == "temperature_c":
             scan.temperature_at = scan.last_heard
@@ -220,7 +220,7 @@ class Scanner:
         elif probe.reading.counter is not None:
             self._count(probe, value)
 
-    def unread(self, probe: Probe, scan: Scan, why: str, *, sent: bool = False, told: str = "") -> None:
+    def unread(self, probe: SignalRead, scan: PortScan, why: str, *, sent: bool = False, told: str = "") -> None:
         """Account for a due reading without a value; `sent`: the station may have sent an answer that was lost.
 
         `told` is the error's text, for the event.
@@ -236,18 +236,18 @@ class Scanner:
             probe.failing = True  # one event for a series of failures; the rows have each
             self._context.note(f"read.{why}", Severity.WARNING, _sentence(probe, why), port=probe.port.number, raw=told or None)
 
-    def _count(self, probe: Probe, value: Value) -> None:
+    def _count(self, probe: SignalRead, value: Value) -> None:
         if isinstance(value, int | float) and probe.reading.counter is not None:
             probe.port.counted[probe.reading.counter.name] = value
             self._counter_row(probe, float(value), probe.reading.command.raw_text(self._context.station.data, value))
 
-    def _counter_row(self, probe: Probe, value: float | None, raw: str) -> None:
+    def _counter_row(self, probe: SignalRead, value: float | None, raw: str) -> None:
         counter, context = probe.reading.counter, self._context
         if counter is not None:
             time = context.utc.micros(context.now)
             context.journal.counter(CounterRow(time, context.name, probe.port.number, counter.name, value, counter.unit, raw))
 
-    def finish(self, scan: Scan, unasked: str, due: float | None) -> None:
+    def finish(self, scan: PortScan, unasked: str, due: float | None) -> None:
         """Write the row: readings not even requested, the times, the quality."""
         row, reasons = scan.row, scan.reasons
         for probe in scan.fast:
@@ -261,9 +261,9 @@ class Scanner:
             row[_QUALITY] = "ok"
         self._context.journal.sample(row)
         if self._station.anomalies.pending:
-            self._context.tell_anomalies()
+            self._context.report_anomalies()
 
-    def _stamp(self, scan: Scan, due: float | None) -> None:
+    def _stamp(self, scan: PortScan, due: float | None) -> None:
         row, first, last = scan.row, scan.first_sent, scan.last_heard
         moment = scan.temperature_at if scan.temperature_at is not None else due
         row[_TIME] = self._context.utc.micros(self._context.now if moment is None else moment)
@@ -273,7 +273,7 @@ class Scanner:
             row[_SCAN] = round((last - first) * 1e6)
 
 
-def _sentence(probe: Probe, why: str) -> str:
+def _sentence(probe: SignalRead, why: str) -> str:
     told = {
         "timeout": "no answer came in time",
         "bcc": "the check byte of every answer was wrong",

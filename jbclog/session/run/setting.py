@@ -28,7 +28,7 @@ from jbclog.protocol.client.confirmed_reads import SETTLE_S
 from jbclog.protocol.client.interface import Permit
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.session.run.context import PortState, SessionContext
-from jbclog.session.run.identify import Absent
+from jbclog.session.run.identify import StationAbsent
 
 # Everything that a run can write is in this table. The client of a run's station calls `permit` before each write; a command
 # that is not listed, or another value than the recipe's or a safe state's, ends the run of that station as a fault of this program
@@ -181,7 +181,7 @@ def touch(context: SessionContext, port: PortState | None) -> None:
 
 
 def write_setting(context: SessionContext, command: Command, value: Value, port: PortState | None) -> Steps[None]:
-    """Write until the value is read back. Raises `StartRefused` where it is not, `Absent` where the link breaks.
+    """Write until the value is read back. Raises `StartRefused` where it is not, `StationAbsent` where the link breaks.
 
     After an exception the write may or may not have been executed.
     """
@@ -195,7 +195,7 @@ def write_setting(context: SessionContext, command: Command, value: Value, port:
         keep_row(context, command, port, SettingOutcome.UNCONFIRMED, requested=requested, written=requested)
         if isinstance(error, RunEnded):
             raise
-        raise Absent(_failed(context, command, port, value, before, f"it could not be read back ({error})")) from error
+        raise StationAbsent(_failed(context, command, port, value, before, f"it could not be read back ({error})")) from error
 
 
 def _write(context: SessionContext, command: Command, value: Value, port: PortState | None, before: Value | None) -> Steps[None]:
@@ -209,7 +209,7 @@ def _write(context: SessionContext, command: Command, value: Value, port: PortSt
             return
         if number > REPEATS or not (yield from _may_repeat(context, command, one, before)):
             _refuse(context, command, value, port, before, one, number)
-        _tell_repeated(context, command, value, port, one, number)
+        _report_repeated(context, command, value, port, one, number)
 
 
 def _try(context: SessionContext, command: Command, value: Value, port: PortState | None) -> Steps[_Try]:
@@ -296,7 +296,9 @@ def _shown(command: Command, before: Value | None) -> str:
     return "unknown" if before is None else command.shown(before)
 
 
-def _tell_repeated(context: SessionContext, command: Command, value: Value, port: PortState | None, one: _Try, number: int) -> None:
+def _report_repeated(
+    context: SessionContext, command: Command, value: Value, port: PortState | None, one: _Try, number: int
+) -> None:
     readback = None if one.found is None else text_of(one.found)
     requested = text_of(value)
     keep_row(

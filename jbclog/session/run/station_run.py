@@ -16,13 +16,20 @@ from jbclog.core.states import StationOutcome
 from jbclog.session.run.apply import apply, apply_status, examine
 from jbclog.session.run.condition import bring_condition, check_condition, look_at_condition
 from jbclog.session.run.context import EXAMINED, HEATED, PREPARED, SessionContext
-from jbclog.session.run.identify import Absent, identify, tell_flood
-from jbclog.session.run.outage import Gone, outage
-from jbclog.session.run.pace import Pace, choose_pace, chosen_text
+from jbclog.session.run.identify import StationAbsent, identify, report_flood
+from jbclog.session.run.outage import StationGone, outage
+from jbclog.session.run.pace import SamplingPlan, choose_pace, chosen_text
 from jbclog.session.run.safe import make_safe
-from jbclog.session.run.sampling import Lost, Sampler
+from jbclog.session.run.sampling import Sampler, StationLost
 from jbclog.session.run.setting import listed
-from jbclog.session.run.watch import OBSERVERS, SettingChanged, compare_countdowns, is_at_work, read_counters, told_text
+from jbclog.session.run.watch import (
+    OBSERVERS,
+    SettingChanged,
+    compare_countdowns,
+    is_at_work,
+    read_counters,
+    unreported_states_text,
+)
 from jbclog.session.scheduler import Grid
 
 
@@ -50,14 +57,16 @@ def learn_provisos(context: SessionContext) -> Steps[None]:
 # other: they yield `Gather`, and the driver resumes all together, or throws `NotStarted`.
 
 
-def start(context: SessionContext) -> Steps[Pace]:
+def start(context: SessionContext) -> Steps[SamplingPlan]:
     """Bring the station to its recipe, in step with the run's other stations; return its pace.
 
     Raises `StartRefused` where this station fails, `NotStarted` where another does, `LeftOut` where it took too long.
     """
     yield from identify(context)
     pace = choose_pace(context)
-    context.note("station.ready", Severity.INFO, f"{_ready_text(context)}{chosen_text(context.facts)}.{told_text(context)}")
+    context.note(
+        "station.ready", Severity.INFO, f"{_ready_text(context)}{chosen_text(context.facts)}.{unreported_states_text(context)}"
+    )
     if not context.family.safe_states:
         text = f"An {context.family.title} has no safe state that could be ordered: at the end of the run it is left as it is."
         context.note("safety.not_available", Severity.WARNING, text)
@@ -81,7 +90,7 @@ def _wait_for_others(context: SessionContext, step: int) -> Steps[None]:
     context.step = step + 1
 
 
-def tell_failure(context: SessionContext) -> Steps[None]:
+def notify_failure(context: SessionContext) -> Steps[None]:
     """Notify the other sessions that this station does not start; it does not wait for them."""
     try:
         context.station.unasked((yield Gather(context.step, context.facts.reason)))
@@ -123,7 +132,7 @@ def run_station(context: SessionContext) -> Steps[StationFacts]:
         facts.outcome, facts.reason = StationOutcome.GONE, f"{context.name}: {why}"
     except RunEnded as end:
         facts.outcome, facts.reason = _ended(context, str(end))
-    except (Absent, Gone) as error:
+    except (StationAbsent, StationGone) as error:
         facts.outcome, facts.reason = StationOutcome.GONE, str(error)
     except StartRefused as error:
         facts.outcome, facts.reason = StationOutcome.REFUSED, str(error)
@@ -131,7 +140,7 @@ def run_station(context: SessionContext) -> Steps[StationFacts]:
         facts.outcome, facts.reason = StationOutcome.STOPPED, str(error)
     except (LinkError, StationError) as error:
         if isinstance(error, LinkFlooded):
-            tell_flood(context, error)
+            report_flood(context, error)
         facts.outcome, facts.reason = StationOutcome.GONE, f"{context.name}: {error}"
     except Exception as error:
         _fail(context, error)
@@ -153,7 +162,7 @@ def _give_up(context: SessionContext) -> Steps[None]:
     if facts.outcome in (StationOutcome.GONE, StationOutcome.REFUSED):
         facts.reason += f" (step {context.step} of {START_STEPS} of the start)" if context.step > 1 else ""
         facts.outcome = StationOutcome.LEFT_OUT if context.order.may_be_missing else facts.outcome
-    yield from tell_failure(context)
+    yield from notify_failure(context)
 
 
 def _ended(context: SessionContext, why: str) -> tuple[StationOutcome, str]:
@@ -176,7 +185,7 @@ def _record(context: SessionContext) -> Steps[None]:
         context.after_safe = sampler.read_flags_once_more
 
 
-def _grid(context: SessionContext, pace: Pace) -> Grid:
+def _grid(context: SessionContext, pace: SamplingPlan) -> Grid:
     """Return the grid of due times, from the run's zero. In a replay it lies as in the recording, relative to the last reads."""
     if not pace.paced:
         return Grid(context.now, pace.period_s)
@@ -192,13 +201,13 @@ def _sample(context: SessionContext, sampler: Sampler) -> Steps[None]:
     while not sampler.is_over(tick):
         try:
             tick = yield from sampler.run(tick)
-        except Lost as lost:
+        except StationLost as lost:
             tick = yield from outage(context, sampler, context.facts.last_tick or tick, lost)
 
 
 def _close(context: SessionContext) -> Steps[None]:
     at_work = [port for port in context.ports.values() if is_at_work(context, port)]
-    yield from _surely_make_safe(context)
+    yield from _make_safe_uninterrupted(context)
     try:
         if context.connected and context.after_safe is not None and not isinstance(context.journal, NoJournal):
             yield from compare_countdowns(context, at_work)
@@ -207,11 +216,11 @@ def _close(context: SessionContext) -> Steps[None]:
             yield from check_condition(context)
     except (LinkError, StationError, RunEnded) as error:
         context.note("counters.missed", Severity.WARNING, f"The counters could not be read at the end: {error}.")
-    _tell_end(context)
+    _report_end(context)
     context.publish()
 
 
-def _surely_make_safe(context: SessionContext) -> Steps[None]:
+def _make_safe_uninterrupted(context: SessionContext) -> Steps[None]:
     """Make the tools safe without interruption by the run's end, by a fault of the program or by a failed record."""
     journals: list[Journal] = [context.journal, NoJournal()]  # for further tries
     while True:
@@ -235,7 +244,7 @@ def _fail(context: SessionContext, error: Exception) -> None:
     context.facts.reason = str(error) if known else f"{context.name}: internal error, {unexpected_error_text(error)}"
 
 
-def _tell_end(context: SessionContext) -> None:
+def _report_end(context: SessionContext) -> None:
     facts = context.facts
     good = facts.outcome == StationOutcome.COMPLETED
     if facts.reason or not good:

@@ -67,7 +67,7 @@ LATE_S, EARLY_S = 30, 5  # tolerance of a countdown shortly after its start
 def note_zero_countdown(context: SessionContext, port: PortState, value: Value) -> None:
     """Note a time to sleep of 0 s where nothing counts down (docs/reference/contradictions.md, B-25)."""
     if value == 0:
-        _meet(context, NO_COUNTDOWN, "time to sleep", port)
+        _note_anomaly(context, NO_COUNTDOWN, "time to sleep", port)
 
 
 def compare_countdowns(context: SessionContext, ports: Iterable[PortState]) -> Steps[None]:
@@ -89,10 +89,10 @@ def _compare_countdown(context: SessionContext, port: PortState, delay: int) -> 
     except StationError:
         return
     if isinstance(left, int) and 0 < left < 65535 and not 60 * delay - LATE_S <= left <= 60 * delay + EARLY_S:
-        _meet(context, DELAY_UNIT, f"time to sleep with a sleep delay of {delay}", port)
+        _note_anomaly(context, DELAY_UNIT, f"time to sleep with a sleep delay of {delay}", port)
 
 
-def _meet(context: SessionContext, number: int, what: str, port: PortState) -> None:
+def _note_anomaly(context: SessionContext, number: int, what: str, port: PortState) -> None:
     context.station.anomalies.meet(number, f"{what}, port {port.number}", context.station.data, port.number)
 
 
@@ -103,7 +103,7 @@ LASTING_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class _State:
+class _FlagEvents:
     """One flag, a column of `samples`: the events when it becomes true, and when it becomes false."""
 
     begins: str
@@ -113,17 +113,19 @@ class _State:
     ended: str
 
 
-SHORTAGE = _State("solder.shortage", Severity.ERROR, "There is no solder left.", "solder.shortage.ended", "There is solder again.")
-CLOGGED = _State(
+SHORTAGE = _FlagEvents(
+    "solder.shortage", Severity.ERROR, "There is no solder left.", "solder.shortage.ended", "There is solder again."
+)
+CLOGGED = _FlagEvents(
     "feeder.clogged", Severity.ERROR, "The solder is clogged.", "feeder.clogged.ended", "The solder is no longer clogged."
 )
-PREPARING = _State(
+PREPARING = _FlagEvents(
     "control.preparing", Severity.INFO, "It is preparing, or has an error; one answer means both.", "control.ready", "It is ready."
 )
 OUT_OF_RANGE = "temperature.out_of_range"
 
 
-def _flags(signal: str, flags: Mapping[str, _State]) -> Callable[[SessionContext, PortState, Value], None]:
+def _flags(signal: str, flags: Mapping[str, _FlagEvents]) -> Callable[[SessionContext, PortState, Value], None]:
     """Report each change of the flags in the answers to `signal`; at the first reading those that are set."""
 
     def observe(context: SessionContext, port: PortState, value: Value) -> None:
@@ -178,16 +180,16 @@ def differs_from_last(name: str) -> Callable[[SessionContext, PortState, Value],
     return doubt
 
 
-def told_text(context: SessionContext) -> str:
+def unreported_states_text(context: SessionContext) -> str:
     """Describe the states that this controller does not report; empty where it reports all."""
-    untold = [signal.command.replace("_", " ") for signal in context.family.signals if signal.name in context.not_supported]
-    text = f" It does not answer {', '.join(untold)}: that is not due, and not known." if untold else ""
+    unreported = [signal.command.replace("_", " ") for signal in context.family.signals if signal.name in context.not_supported]
+    text = f" It does not answer {', '.join(unreported)}: that is not due, and not known." if unreported else ""
     if isinstance(context.station, OmegaStation) and context.station.without_digit:
         text += " It answers A with a alone: whether solder is short or clogged is not known."
     return text
 
 
-def tell_late(context: SessionContext) -> None:
+def report_completions(context: SessionContext) -> None:
     """Report unsolicited messages: a joint is completed that somebody else, or an earlier order, began."""
     if not isinstance(context.station, OmegaStation):
         return
@@ -305,10 +307,10 @@ def _set_temperature(context: SessionContext, port: PortState, value: Value) -> 
 
 def found_changed(context: SessionContext, port: PortState | None, name: str, before: str, found: str) -> None:
     """Report a changed setting; raise `SettingChanged` where the recipe stops on that."""
-    stop_on(context, [tell_change(context, port, name, before, found)])
+    stop_on(context, [report_change(context, port, name, before, found)])
 
 
-def tell_change(context: SessionContext, port: PortState | None, name: str, before: str, found: str) -> str:
+def report_change(context: SessionContext, port: PortState | None, name: str, before: str, found: str) -> str:
     """Record a changed setting; return its description."""
     place = "" if port is None else f" of port {port.number}"
     change = f"{name.replace('_', ' ')}{place} was found changed: {found} instead of {before}"

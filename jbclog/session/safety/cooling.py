@@ -10,7 +10,7 @@ from jbclog.core.errors import LinkError, LinkFlooded, NotSupported, StationErro
 from jbclog.core.io_requests import Steps, Wait
 from jbclog.protocol.commands.command import Command
 from jbclog.session.safety.orders import in_time, is_reachable
-from jbclog.session.safety.tools import Task, Tool
+from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
 COOLING_AFTER_S = 1.0  # time after the order in which the extractor state must show in temperature or power
 IDLE_PERMILLE = 20  # below it a heater is off
@@ -19,14 +19,14 @@ FALL_C = 2  # a cooling tip falls by this much; one degree is within the noise
 COLD_C = 60.0
 
 
-def is_cold(task: Task, tool: Tool) -> Steps[bool]:
+def is_cold(task: SafetyTask, tool: ToolSafety) -> Steps[bool]:
     """Whether the tool is too cold to burn anyone and its heater is off, by two answers each."""
     found = yield from _heat(task, tool)
     has_both = bool(found.celsius) and bool(found.permille)
     return has_both and all(one <= COLD_C for one in found.celsius) and all(one <= IDLE_PERMILLE for one in found.permille)
 
 
-def watch(task: Task, tools: Sequence[Tool]) -> Steps[set[int]]:
+def watch(task: SafetyTask, tools: Sequence[ToolSafety]) -> Steps[set[int]]:
     """Return the ports of those tools that cool down, or whose heater is off.
 
     All are watched during the same second, and time is left for the orders to those that do not cool.
@@ -53,13 +53,13 @@ class _Heat:
     tells_power: bool = True
 
 
-def _heat_by(task: Task, tool: Tool, end: float, *, with_power: bool = True) -> Steps[_Heat]:
+def _heat_by(task: SafetyTask, tool: ToolSafety, end: float, *, with_power: bool = True) -> Steps[_Heat]:
     if not (yield from is_reachable(task)):
         return _Heat()
     return (yield from in_time(_heat(task, tool, with_power=with_power), task.client.now, end))
 
 
-def _heat(task: Task, tool: Tool, *, with_power: bool = True) -> Steps[_Heat]:
+def _heat(task: SafetyTask, tool: ToolSafety, *, with_power: bool = True) -> Steps[_Heat]:
     """Read temperature and heater power."""
     command = task.family.command_of("temperature_c")
     if command is None:
@@ -89,7 +89,7 @@ def _cools(before: _Heat, after: _Heat) -> bool:
     return is_off or (falls and may_be_off)
 
 
-def _two_of(task: Task, command: Command, tool: Tool) -> Steps[list[float]]:
+def _two_of(task: SafetyTask, command: Command, tool: ToolSafety) -> Steps[list[float]]:
     """Read twice in a row: the answers may differ, but a conclusion must hold for both."""
     answers = []
     for _ in range(2):

@@ -16,7 +16,7 @@ from jbclog.core.states import SafetyResult
 from jbclog.protocol.client.confirmed_reads import read_confirmed
 from jbclog.protocol.client.interface import expect_quiet
 from jbclog.protocol.commands.status import StatusWord
-from jbclog.session.safety.tools import Task, Tool
+from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
 STOPPED = "stopped"  # the feeder's answer after a stop
 ORDER_PER_LOOK = 1.5  # duration of an order and two answers, relative to two answers
@@ -24,7 +24,7 @@ UNHURRIED_S = 1.5  # remaining time needed to wait for an acknowledgement in ful
 REOPEN_EVERY_S = 0.25
 
 
-def order(task: Task, orders: Sequence[tuple[Tool, StatusWord]]) -> Steps[None]:
+def order(task: SafetyTask, orders: Sequence[tuple[ToolSafety, StatusWord]]) -> Steps[None]:
     """Order each tool's state once, then read each back, while there is time for the fallback states.
 
     After one acknowledgement has timed out in full, later ones are not waited for.
@@ -43,11 +43,11 @@ def order(task: Task, orders: Sequence[tuple[Tool, StatusWord]]) -> Steps[None]:
             return
 
 
-def _send(task: Task, tool: Tool, word: StatusWord, *, hurry: bool) -> Steps[LinkError | StationError | None]:
+def _send(task: SafetyTask, tool: ToolSafety, word: StatusWord, *, hurry: bool) -> Steps[LinkError | StationError | None]:
     """Order a state; return the error instead of an acknowledgement. After a `LinkError` the result is not known."""
     if not (yield from is_reachable(task)):
         return LinkError("not reached")
-    tool.tell(word)
+    tool.note_order(word)
     try:
         yield from task.client.write(task.family.commands["status"], word, tool.port, hurry=hurry)
     except LinkError as error:
@@ -59,7 +59,7 @@ def _send(task: Task, tool: Tool, word: StatusWord, *, hurry: bool) -> Steps[Lin
     return None
 
 
-def _read_back(task: Task, tool: Tool, word: StatusWord, failure: StationError | None) -> Steps[None]:
+def _read_back(task: SafetyTask, tool: ToolSafety, word: StatusWord, failure: StationError | None) -> Steps[None]:
     """Read the ordered state back; `failure` came instead of the acknowledgement."""
     status = task.family.status
     found = yield from status_now(task, tool)
@@ -77,7 +77,7 @@ def _read_back(task: Task, tool: Tool, word: StatusWord, failure: StationError |
         tool.was_lost = True
 
 
-def status_now(task: Task, tool: Tool) -> Steps[StatusWord | None]:
+def status_now(task: SafetyTask, tool: ToolSafety) -> Steps[StatusWord | None]:
     """Return the tool's state by two answers; None where not available."""
     if not (yield from is_reachable(task)):
         return None
@@ -91,7 +91,7 @@ def status_now(task: Task, tool: Tool) -> Steps[StatusWord | None]:
     return found if isinstance(found, tuple) else None
 
 
-def stop_feeder(task: Task) -> Steps[bool]:
+def stop_feeder(task: SafetyTask) -> Steps[bool]:
     """Stop the feeder; return whether it reports that it has stopped."""
     if not (yield from is_reachable(task)):
         return False
@@ -104,7 +104,7 @@ def stop_feeder(task: Task) -> Steps[bool]:
     return feeding == STOPPED
 
 
-def look_at_feeder(task: Task) -> Steps[None]:
+def look_at_feeder(task: SafetyTask) -> Steps[None]:
     """Check the feeder again: a robot may have restarted it while its tool was still at work."""
     task.feeds = True  # until it reports that it has stopped
     if not (yield from is_reachable(task)):
@@ -117,7 +117,7 @@ def look_at_feeder(task: Task) -> Steps[None]:
         task.feeds = not (yield from stop_feeder(task))
 
 
-def order_blindly(task: Task) -> Steps[None]:
+def order_blindly(task: SafetyTask) -> Steps[None]:
     """Stop the feeder and order the state that can always be ordered, without proof; earlier readings are void."""
     if task.is_stranger:
         return
@@ -129,12 +129,12 @@ def order_blindly(task: Task) -> Steps[None]:
             tool.reached = SafetyResult.FAILED if tool.was_spared else SafetyResult.SENT
         word = task.words(tool)[-1]
         tool.was_spared = False
-        tool.tell(word)
+        tool.note_order(word)
         if (yield from _write_blindly(task, "status", word, tool.port)):
             tool.reached = SafetyResult.SENT
 
 
-def _write_blindly(task: Task, name: str, value: Value, port: int | None = None) -> Steps[bool]:
+def _write_blindly(task: SafetyTask, name: str, value: Value, port: int | None = None) -> Steps[bool]:
     """Write without proof; return whether the frame was sent."""
     before = task.client.exchanges
     try:
@@ -148,14 +148,14 @@ def _write_blindly(task: Task, name: str, value: Value, port: int | None = None)
     return task.client.exchanges > before
 
 
-def is_reachable(task: Task) -> Steps[bool]:
+def is_reachable(task: SafetyTask) -> Steps[bool]:
     """Whether the intended station, and no other, is connected."""
     if not task.is_proven and not task.is_flooded:
         yield from _reach_again(task, LinkError("not proven"))
     return task.is_proven and not task.is_flooded
 
 
-def _reach_again(task: Task, error: LinkError | StationError) -> Steps[None]:
+def _reach_again(task: SafetyTask, error: LinkError | StationError) -> Steps[None]:
     """Reopen the port while there is time; after a broken link also until the station is identified again.
 
     A silent station may still hear; one behind a reconnected cable may be another.

@@ -17,13 +17,13 @@ from jbclog.core.states import SafetyResult
 from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.safety.cooling import is_cold, watch
 from jbclog.session.safety.orders import in_time, look_at_feeder, order, order_blindly, status_now, stop_feeder
-from jbclog.session.safety.tools import Task, Tool
+from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
 ALLOWED_S = 3.0  # for one station (docs/reference/faults.md, S-2)
 TRIES = 3
 
 
-def secure(task: Task) -> Steps[None]:
+def secure(task: SafetyTask) -> Steps[None]:
     """Make the station safe within `ALLOWED_S`. The task has the result; errors of link and station are not raised."""
     task.client.unasked((yield Wait(0.0)))
     begun = task.client.now
@@ -31,7 +31,7 @@ def secure(task: Task) -> Steps[None]:
     yield from in_time(_in_rounds(task), begun, task.end)
 
 
-def _in_rounds(task: Task) -> Steps[None]:
+def _in_rounds(task: SafetyTask) -> Steps[None]:
     if task.client.flow.is_flooded:
         yield from order_blindly(task)
     for round_ in range(TRIES):
@@ -45,13 +45,13 @@ def _in_rounds(task: Task) -> Steps[None]:
             return
 
 
-def _spread(task: Task, rounds_left: int) -> Steps[None]:
+def _spread(task: SafetyTask, rounds_left: int) -> Steps[None]:
     """Wait for a share of the remaining time: the cause of the failure may go away."""
     now = task.client.now
     task.client.unasked((yield Wait(now + max(task.end - now, 0.0) / (rounds_left + 1))))
 
 
-def _round(task: Task, *, is_first: bool) -> Steps[None]:
+def _round(task: SafetyTask, *, is_first: bool) -> Steps[None]:
     if task.feeds:
         task.feeds = not (yield from stop_feeder(task))
     if task.spare:
@@ -61,13 +61,13 @@ def _round(task: Task, *, is_first: bool) -> Steps[None]:
         yield from look_at_feeder(task)
 
 
-def _look(task: Task) -> Steps[None]:
+def _look(task: SafetyTask) -> Steps[None]:
     """Find tools that rest already, in a state that proves it, and leave them alone. In its extractor state a tool is cold or
     cools, whatever the family; an order to stand would heat it.
     """
     doubtful = []
     for tool in task.tools:
-        if tool.is_safe or tool.was_told:
+        if tool.is_safe or tool.was_ordered:
             continue
         found = yield from status_now(task, tool)
         if found is None and task.is_silent:
@@ -92,11 +92,11 @@ def _look(task: Task) -> Steps[None]:
             _spare(tool, found)
 
 
-def _spare(tool: Tool, found: StatusWord) -> None:
+def _spare(tool: ToolSafety, found: StatusWord) -> None:
     tool.reached, tool.status, tool.was_spared = SafetyResult.VERIFIED, found, True
 
 
-def _put(task: Task, tools: Sequence[Tool], *, is_first: bool) -> Steps[None]:
+def _put(task: SafetyTask, tools: Sequence[ToolSafety], *, is_first: bool) -> Steps[None]:
     """Try each tool once. If its state is not reached, or the tool does not cool in it, try the fallback states."""
     words = {tool.port: task.words(tool) for tool in tools}
     yield from order(task, [(tool, words[tool.port][0]) for tool in tools])
@@ -112,12 +112,14 @@ def _put(task: Task, tools: Sequence[Tool], *, is_first: bool) -> Steps[None]:
     yield from _fall_back(task, [tool for tool in watched if not tool.is_safe], words, is_first=is_first)
 
 
-def _is_to_be_watched(task: Task, tool: Tool) -> bool:
+def _is_to_be_watched(task: SafetyTask, tool: ToolSafety) -> bool:
     """Whether the ordered state was read back but does not prove alone that the tool cools."""
     return not tool.is_safe and tool.status is not None and tool.ordered is not None and task.has_to_cool(tool.ordered)
 
 
-def _fall_back(task: Task, tools: Sequence[Tool], words: Mapping[int, Sequence[StatusWord]], *, is_first: bool) -> Steps[None]:
+def _fall_back(
+    task: SafetyTask, tools: Sequence[ToolSafety], words: Mapping[int, Sequence[StatusWord]], *, is_first: bool
+) -> Steps[None]:
     """Order the fallback states, until one is reached.
 
     A word that keeps suction and got no answer is repeated once before the plain one drops the part.
@@ -134,6 +136,6 @@ def _fall_back(task: Task, tools: Sequence[Tool], words: Mapping[int, Sequence[S
         yield from order(task, orders)
 
 
-def _may_keep_suction(task: Task, tool: Tool) -> bool:
+def _may_keep_suction(task: SafetyTask, tool: ToolSafety) -> bool:
     """Whether a word that keeps suction was ordered, and the station has not refused it."""
     return tool.ordered is not None and task.family.status.sucks(tool.ordered) and not tool.is_ruled_out(tool.ordered)

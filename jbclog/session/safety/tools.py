@@ -21,7 +21,7 @@ Prove = Callable[[], Steps[bool]]
 
 
 @dataclass(slots=True)
-class Tool:
+class ToolSafety:
     """One port's tool and its progress: `FAILED`, `SENT` (acknowledged, or over a flooded link) or `VERIFIED` (read back as
     `status`).
 
@@ -44,7 +44,7 @@ class Tool:
         return self.reached == SafetyResult.VERIFIED
 
     @property
-    def was_told(self) -> bool:
+    def was_ordered(self) -> bool:
         return self.ordered is not None
 
     @property
@@ -52,7 +52,7 @@ class Tool:
         """Why another state than the intended one was ordered; empty where it was not."""
         return "; ".join(self._passed_over.values()) if self.ordered != self._first else ""
 
-    def tell(self, word: StatusWord) -> None:
+    def note_order(self, word: StatusWord) -> None:
         """Note that this order is sent."""
         self._first = self._first or word
         self.ordered, self.status, self.was_lost = word, None, False
@@ -76,7 +76,7 @@ class Tool:
 
 
 @dataclass(slots=True)
-class Task:
+class SafetyTask:
     """The tools of one station to make safe, and what is known about the station.
 
     `wanted` is one of the family's safe states; any other, which a foreign lease may name, is replaced by the default. `feeds`: the
@@ -87,7 +87,7 @@ class Task:
     client: Client
     family: Family
     wanted: str
-    tools: list[Tool]
+    tools: list[ToolSafety]
     feeds: bool
     prove: Prove
     is_proven: bool = True
@@ -106,7 +106,7 @@ class Task:
         if self.wanted not in self.family.safe_states:
             self.wanted = next(iter(self.family.safe_states), self.wanted)
 
-    def words(self, tool: Tool) -> list[StatusWord]:
+    def words(self, tool: ToolSafety) -> list[StatusWord]:
         """Return the orders that may make this tool safe, in the order to try."""
         return tool.choices(self.family.status.safe_words(self.wanted, suction=bool(tool.suction)))
 

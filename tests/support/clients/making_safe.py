@@ -12,7 +12,7 @@ from jbclog.core.io_requests import Ask, IoResult, Listen, Reopen, Request, Step
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.safety.tools import Task, Tool
+from jbclog.session.safety.tools import SafetyTask, ToolSafety
 from jbclog.sim.hotair import AirFace
 from jbclog.sim.port import WORKING as AT_WORK
 from jbclog.sim.virtual import VirtualStation
@@ -118,7 +118,7 @@ def task(
     is_proven: bool = True,
     wanted: str = "stand",
     suction: bool | None = False,
-) -> Task:
+) -> SafetyTask:
     """To put these tools in stand, or what is `wanted`; who is there is proven by the model's name."""
     client = Station(LineFormat())
     client.turnaround_s = 0.002  # it has been spoken to before
@@ -127,5 +127,5 @@ def task(
     def prove() -> Steps[bool]:
         return made.proves(str((yield from client.read(made.commands["model"]))))
 
-    tools = [Tool(port, suction) for port in ports]
-    return Task(client, made, wanted, tools, feeds, prove, is_proven=is_proven, spare=spare)
+    tools = [ToolSafety(port, suction) for port in ports]
+    return SafetyTask(client, made, wanted, tools, feeds, prove, is_proven=is_proven, spare=spare)

@@ -13,7 +13,7 @@ from jbclog.cli.app import app
 from jbclog.core.errors import WriteForbidden
 from jbclog.core.io_requests import Steps
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.manual.contact import meet
+from jbclog.session.manual.contact import open_contact
 from support.oracles.printed_omega import PageOmega
 from support.virtual.manual import Make, station_text
 
@@ -269,7 +269,7 @@ def test_nothing_but_questions_can_go_out(make: Make) -> None:
     target = bench.target("dde-1")
 
     def steps() -> Steps[None]:
-        contact = yield from meet(target)
+        contact = yield from open_contact(target)
         yield from contact.client.write(contact.family.commands["status"], (0, 0, 0, 0, 1), 1)
 
     with pytest.raises(WriteForbidden):

@@ -18,7 +18,7 @@ from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease
 from jbclog.guard.takeover import OPENING, TakeOver
 from jbclog.protocol.commands.status import EXTRACTOR, STAND
-from jbclog.session.safety.tools import Task
+from jbclog.session.safety.tools import SafetyTask
 from jbclog.transport.opening import BESIDE
 
 LEASE = StationLease("dde-1", "/dev/no1", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (1, 2), False)
@@ -31,10 +31,10 @@ def told(folder: Path) -> list[tuple[str, str, int | None, str]]:
 
 
 @pytest.fixture
-def becomes(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[Task], None]], None]:
+def becomes(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[SafetyTask], None]], None]:
     """What is made of the task, in place of talking to a station."""
 
-    def make(outcome: Callable[[Task], None]) -> None:
+    def make(outcome: Callable[[SafetyTask], None]) -> None:
         monkeypatch.setattr(takeover, "secure", lambda task: task)
         monkeypatch.setattr(takeover.blocking, "run", lambda task, *_, **__: outcome(task))
 
@@ -52,18 +52,18 @@ def test_there_are_descriptors_for_all_ports_that_are_opened_at_once(tmp_path: P
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
 
 
-def spared(task: Task) -> None:
+def spared(task: SafetyTask) -> None:
     for tool in task.tools:
         tool.reached, tool.status, tool.was_spared = SafetyResult.VERIFIED, STAND, True
 
 
-def put(task: Task) -> None:
+def put(task: SafetyTask) -> None:
     for tool in task.tools:
         tool.tell(STAND)
         tool.reached, tool.status = SafetyResult.VERIFIED, STAND
 
 
-def fallen_back(task: Task) -> None:
+def fallen_back(task: SafetyTask) -> None:
     for tool in task.tools:
         tool.tell(EXTRACTOR)
         tool.pass_over(EXTRACTOR, "extractor was refused")
@@ -71,28 +71,28 @@ def fallen_back(task: Task) -> None:
         tool.reached, tool.status = SafetyResult.VERIFIED, STAND
 
 
-def sent(task: Task) -> None:
+def sent(task: SafetyTask) -> None:
     for tool in task.tools:
         tool.tell(STAND)
         tool.reached = SafetyResult.SENT
 
 
-def flooded(task: Task) -> None:
+def flooded(task: SafetyTask) -> None:
     sent(task)
     task.flood = LinkFlooded(9000, 40, 1.0, 4096)
 
 
-def flooded_later(task: Task) -> None:
+def flooded_later(task: SafetyTask) -> None:
     flooded(task)
     task.tools[0].reached, task.tools[0].status = SafetyResult.VERIFIED, STAND
 
 
-def one_failed(task: Task) -> None:
+def one_failed(task: SafetyTask) -> None:
     put(task)
     task.tools[1].reached, task.tools[1].status = SafetyResult.FAILED, None
 
 
-def feeding(task: Task) -> None:
+def feeding(task: SafetyTask) -> None:
     put(task)
     task.feeds = True
 
@@ -119,11 +119,11 @@ NOT_SAFE = ("safety.not_safe", "critical")
 )
 @pytest.mark.parametrize("again", [False, True])
 def test_each_tool_is_in_the_diary_once_and_what_is_not_safe_stays_leased(
-    outcome: Callable[[Task], None],
+    outcome: Callable[[SafetyTask], None],
     lines: list[tuple[str, str, str]],
     left: tuple[tuple[int, ...], bool] | None,
     again: bool,
-    becomes: Callable[[Callable[[Task], None]], None],
+    becomes: Callable[[Callable[[SafetyTask], None]], None],
     tmp_path: Path,
     said: list[str],
 ) -> None:
@@ -147,11 +147,11 @@ def test_each_tool_is_in_the_diary_once_and_what_is_not_safe_stays_leased(
 
 @pytest.mark.parametrize(("faults", "left"), [(1, []), (2, [LEASE])])
 def test_a_fault_of_a_moment_is_tried_again_and_one_that_stays_is_written_down(
-    faults: int, left: list[StationLease], becomes: Callable[[Callable[[Task], None]], None], tmp_path: Path
+    faults: int, left: list[StationLease], becomes: Callable[[Callable[[SafetyTask], None]], None], tmp_path: Path
 ) -> None:
-    tried: list[Task] = []
+    tried: list[SafetyTask] = []
 
-    def fails(task: Task) -> None:
+    def fails(task: SafetyTask) -> None:
         tried.append(task)
         if len(tried) <= faults:
             raise MemoryError("no memory")

@@ -13,7 +13,7 @@ from jbclog.config.recipe import Recipe
 from jbclog.core.serial_line import BAUDRATES, LineFormat
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run.pace import readings_for, too_fast
-from jbclog.session.scheduler import CEILING, Demand, Grid, Reading, SlowReadings, read_wire_s
+from jbclog.session.scheduler import CEILING, Demand, Grid, ScheduledRead, SlowReadings, read_wire_s
 from support.virtual.virtual_run import RECIPE
 
 DDE = FAMILIES["dde"]
@@ -101,7 +101,7 @@ def test_a_refusal_names_the_best_rate_and_the_greatest_turnaround() -> None:
 class Wire:
     """A wire with everything that a run reads on it."""
 
-    readings: list[Reading]
+    readings: list[ScheduledRead]
     turnaround_s: float
 
     @property

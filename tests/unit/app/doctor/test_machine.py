@@ -27,7 +27,7 @@ from jbclog.app.doctor import (
     permission_step,
 )
 from jbclog.core.errors import PortBusy
-from jbclog.session.discovery.found import Finding, ScanPlan
+from jbclog.session.discovery.found import ScanFinding, ScanPlan
 from jbclog.transport.system_ports import UsbPort
 from support.links.far_ends import terminal
 
@@ -35,8 +35,8 @@ NOW = 1_795_000_000.0  # November 2026
 Usage = namedtuple("Usage", "total used free")
 
 
-def finding(looked: Looked | None) -> Finding:
-    assert isinstance(looked, Finding)
+def finding(looked: Looked | None) -> ScanFinding:
+    assert isinstance(looked, ScanFinding)
     return looked
 
 

@@ -9,7 +9,7 @@ import pytest
 from jbclog.app.doctor import Fine, Looked, look_at_stations
 from jbclog.config.line import parse_line
 from jbclog.core.serial_line import LineFormat
-from jbclog.session.discovery.found import Finding
+from jbclog.session.discovery.found import ScanFinding
 from support.links.uart_ports import Cable, Echo, Silence, means, station_cable
 from support.oracles.printed_omega import PageOmega
 
@@ -22,9 +22,9 @@ def looked_at(cable: Cable | None, family: str = "dde", keys: str = "", url: str
     return look_at_stations(line, means=means({} if cable is None else {line.stations[0].url: cable}))
 
 
-def finding(looked: list[Looked]) -> Finding:
+def finding(looked: list[Looked]) -> ScanFinding:
     (one,) = looked
-    assert isinstance(one, Finding)
+    assert isinstance(one, ScanFinding)
     return one
 
 
@@ -69,7 +69,7 @@ def test_the_right_line_format_is_found_and_named(real: str, told: str) -> None:
     (rate, form), (told_rate, told_form) = real.split(), told.split()
     cable = station_cable("dde", f'baudrate = {rate}\nformat = "{form}"')
     one = finding(looked_at(cable, keys=f'baudrate = {told_rate}\nformat = "{told_form}"'))
-    assert one == Finding(
+    assert one == ScanFinding(
         "line.format",
         "s-1",
         f"it answers at {real}, and not at the line file's {told}",

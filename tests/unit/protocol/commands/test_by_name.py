@@ -14,12 +14,12 @@ from jbclog.app import connection
 from jbclog.config.recipe import COMMAND_OF
 from jbclog.protocol.commands.command import Command, Effect, Scope
 from jbclog.protocol.commands.family import FAMILIES, Family
-from jbclog.session.manual.contact import NOWHERE, Contact, Place, check_place
+from jbclog.session.manual.contact import WHOLE_STATION, Contact, Place, check_place
 from jbclog.session.manual.danger import Snapshot, what_it_does
 from jbclog.session.manual.names import find, is_order, readable, shared, values_text, writable
-from jbclog.session.manual.read import Reading, only_by_name, read_all, read_value
+from jbclog.session.manual.read import ReadResult, only_by_name, read_all, read_value
 from jbclog.session.manual.values import shown, value_in, words_for
-from jbclog.session.manual.write import Change, WriteOutcome, Written, write_value
+from jbclog.session.manual.write import WriteOutcome, WriteRequest, WriteResult, write_value
 from support.virtual.manual import Bench, station_text
 
 EVERY = [(family, command) for family in FAMILIES.values() for command in family.commands.values()]
@@ -41,11 +41,11 @@ def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, family: Family) -> Be
 
 
 def place_of(command: Command) -> Place:
-    return Place(condition=101) if command.scope is Scope.CONDITION else NOWHERE
+    return Place(condition=101) if command.scope is Scope.CONDITION else WHOLE_STATION
 
 
-def readings(bench: Bench, name: str, place: Place = NOWHERE) -> list[tuple[Contact, Reading]]:
-    found: list[tuple[Contact, Reading]] = []
+def readings(bench: Bench, name: str, place: Place = WHOLE_STATION) -> list[tuple[Contact, ReadResult]]:
+    found: list[tuple[Contact, ReadResult]] = []
     target = bench.target("it")
     connection.ask(target, read_value(target, name, place, lambda contact, reading: found.append((contact, reading))))
     return found
@@ -68,7 +68,7 @@ def test_it_is_read_by_name_at_every_place(bench: Bench, family: Family, command
 
 @pytest.mark.parametrize("family", FAMILIES.values(), ids=lambda family: family.name)
 def test_all_of_it_is_read_at_once_but_what_that_would_clear(bench: Bench, family: Family) -> None:
-    found: list[Reading] = []
+    found: list[ReadResult] = []
     target = bench.target("it")
     connection.ask(target, read_all(target, lambda contact, reading: found.append(reading)))
     assert [reading.problem for reading in found if reading.value is None] == []
@@ -83,9 +83,9 @@ def test_it_is_written_by_name_once_and_read_back(bench: Bench, family: Family, 
     text = new_value(bench, family, command)
     port = None if command.scope is Scope.STATION else 1
     kept: list[Snapshot] = []
-    target, written = bench.target("it"), Written()
+    target, written = bench.target("it"), WriteResult()
     before = len(bench.wires["it"].writes)
-    change = Change(command.name, text, Place(port))
+    change = WriteRequest(command.name, text, Place(port))
     connection.ask(target, write_value(target, change, kept.append, written), may_write=True)
     assert written.outcome in (WriteOutcome.CONFIRMED, WriteOutcome.SENT), written.problem
     sent = bench.wires["it"].writes[before:]

@@ -17,7 +17,7 @@ from jbclog.protocol.commands.status import EXTRACTOR, STAND, StatusWord
 from jbclog.session.safety import cooling
 from jbclog.session.safety.orders import in_time
 from jbclog.session.safety.secure import ALLOWED_S, secure
-from jbclog.session.safety.tools import Task
+from jbclog.session.safety.tools import SafetyTask
 from jbclog.sim.hotair import AirFace
 from jbclog.sim.port import SLEEP, WORKING, Port
 from jbclog.sim.virtual import VirtualStation
@@ -301,7 +301,7 @@ BENCH_FAMILIES = ["dde", "nae", "dme", "hde"]
 FOUR = (1, 2, 3, 4)
 
 
-def put_in_extractor(device: VirtualStation, *ports: int, family: str = "dme", **cable: Any) -> tuple[Task, float]:
+def put_in_extractor(device: VirtualStation, *ports: int, family: str = "dme", **cable: Any) -> tuple[SafetyTask, float]:
     """The task when it is over, and how long it took."""
     made = task(*ports, family=family, wanted="extractor")
     pulled = Cable(device, **cable)
@@ -531,7 +531,7 @@ def test_a_silent_station_is_told_the_plain_words_too_within_the_time() -> None:
 
 def test_hot_air_is_not_switched_on_by_one_either() -> None:
     made = task(1, family="jtse")
-    assert Task(made.client, made.family, "on", made.tools, made.feeds, made.prove).wanted == "cooling"
+    assert SafetyTask(made.client, made.family, "on", made.tools, made.feeds, made.prove).wanted == "cooling"
 
 
 @pytest.mark.parametrize("family", ["dde", "ucr"])
@@ -539,7 +539,7 @@ def test_hot_air_is_not_switched_on_by_one_either() -> None:
 def test_a_state_that_is_not_safe_is_never_ordered(family: str, wanted: str) -> None:
     """A lease is a file in a folder of runs: whoever puts one there must not heat a tool with it."""
     device, made = station(family, tools=(1,)), task(1, family=family)
-    given = Task(made.client, made.family, wanted, made.tools, made.feeds, made.prove)
+    given = SafetyTask(made.client, made.family, wanted, made.tools, made.feeds, made.prove)
     Cable(device).pull(secure(given))
     safe = {made.family.status.orders[name] for name in (*made.family.safe_states, *made.family.status.last_resorts)}
     assert written(device)
