@@ -1,7 +1,7 @@
-"""``python -m jbclog.sim LINE --dir DIR``: serves a line's stations in a process of its own.
+"""``python -m jbclog.sim LINE --dir DIR``: serves a line's stations in a separate process.
 
-Writes the path of the line file that it made to stdout as soon as all ports are there, and ends with SIGINT
-or SIGTERM; with ``--until-eof`` also when its stdin is closed, so that it cannot outlive who started it.
+Writes the path of its line file to stdout as soon as all ports exist, and ends on SIGINT or SIGTERM; with ``--until-eof`` also when
+its stdin is closed, so that it does not outlive its parent.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
-"""The protocol face of a virtual station, and what it remembers of the wire.
+"""A virtual station as seen on the serial line, and its log.
 
-What the manuals leave open is answered thus: W-RST is acknowledged, then nothing is heard for `BOOT_S` (B-40); a delay
-that is not running reads 99999 (B-25), and so does an alarm limit that is not set (B-23); a port or tool that is not
-there is a control command that is not accepted; N repeats the control command, as far as there was one (B-11). The
-alternatives are in `quirks.py`.
+Where the manuals are silent: W-RST is acknowledged, then nothing is answered for `BOOT_S` (B-40); a delay that does not run reads
+99999 (B-25), and so does an alarm limit that is not set (B-23); a missing port or tool is a command that is not accepted; N
+repeats the code, if there was one (B-11). `quirks.py` has the alternatives.
 """
 
 from __future__ import annotations
@@ -15,9 +14,6 @@ from jbclog.core.quantities import OFF, OFF_ON_WIRE, Value
 from jbclog.protocol.commands.family import Family
 from jbclog.sim.quirks import Quirks
 from jbclog.sim.soldering import WITHOUT_DATA, Asked, Face, Identity, questions, well_formed
-
-# -- wire log -----------------------------------------------------------------------------------------------------------------
-# What a virtual station remembers of the wire, for tests: never what the client believes it sent.
 
 
 class Written(NamedTuple):
@@ -39,7 +35,7 @@ class Refused(NamedTuple):
 
 
 class Struck(NamedTuple):
-    """An answer that a fault has struck: what would have gone out, and what did."""
+    """An answer changed by a fault: as it would have been sent, and as it was."""
 
     at: float
     kind: str
@@ -49,7 +45,7 @@ class Struck(NamedTuple):
 
 @dataclass(slots=True)
 class WireLog:
-    """In the order in which it happened. `reads` counts those that were answered."""
+    """What a station received and sent, in order, for tests. `reads` counts those that were answered."""
 
     reads: int = 0
     writes: list[Written] = field(default_factory=list)
@@ -57,11 +53,9 @@ class WireLog:
     struck: list[Struck] = field(default_factory=list)
 
     def written(self, name: str) -> list[Written]:
-        """The accepted writes of one command."""
+        """Return the accepted writes of one command."""
         return [write for write in self.writes if write.name == name]
 
-
-# -- device -------------------------------------------------------------------------------------------------------------------
 
 WRONG_CHECK, WRONG_FORMAT, OUT_OF_RANGE, UNKNOWN_COMMAND, ROBOT_OFF = 1, 2, 3, 4, 5
 BOOT_S = 3.0
@@ -71,7 +65,7 @@ Answer = tuple[str, str]
 
 
 class Device:
-    """One station as the wire sees it: headers and texts in and out, addresses and check bytes aside."""
+    """One station: headers and texts in and out, without addresses and check bytes."""
 
     def __init__(self, family: Family, face: Face, identity: Identity, quirks: Quirks | None = None) -> None:
         self.family = family
@@ -83,15 +77,15 @@ class Device:
         self._questions = questions(family.name, tuple(face.ports))
 
     def asked(self, header: str, text: str) -> Asked | None:
-        """What a question asks for; None where the table does not have it."""
+        """Look up a request; None where the table does not have it."""
         return self._questions.get(header + (text if header == "R" else text[:3]))
 
     def hears(self, now: float) -> bool:
-        """Whether it is there at all; it is not while it restarts."""
+        """Whether it receives anything; it does not while it restarts."""
         return now >= self._silent_until
 
     def answer(self, header: str, text: str, now: float) -> Answer | None:
-        """The answer to a question whose check byte holds; None is silence."""
+        """Answer a request with a correct check byte; None is silence."""
         if not self.identity.robot_mode:
             return self.refuse(text, ROBOT_OFF, now)
         heard = self.quirks.hear(header + text)
@@ -109,12 +103,12 @@ class Device:
         return None if said is None else ("A", said)
 
     def refuse(self, text: str, code: int, now: float) -> Answer:
-        """N with communication error `code`."""
+        """Refuse with N and communication error `code`."""
         self.log.refused.append(Refused(now, text, code))
         return "N", self.quirks.refusal(f"{text[:3]}{code:05d}")
 
     def restart(self, now: float, silent_s: float = BOOT_S) -> None:
-        """Restart now: what is volatile is lost, and nothing is heard for `silent_s`."""
+        """Restart: volatile values are lost, and nothing is answered for `silent_s`."""
         self.face.restart(now)
         self._silent_until = now + silent_s
 

@@ -1,6 +1,6 @@
-"""Faults by name: what they do to answers, to the cable and to the physics, and when. Data-driven, no I/O.
+"""Applies faults by name to answers, to the cable and to the physics. Data-driven, no I/O.
 
-Their times count from the first question that the station hears. `FaultSpec` says what each kind does.
+Times count from the first request that the station receives. `FaultSpec` describes each kind.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Change(NamedTuple):
 
 
 class Tape:
-    """The faults of one station on its own time."""
+    """The schedule of one station's faults."""
 
     def __init__(self, faults: Sequence[FaultSpec], seed: int) -> None:
         self._faults = faults
@@ -41,7 +41,7 @@ class Tape:
         self.zero: float | None = None
 
     def start(self, now: float) -> None:
-        """The first question has been heard."""
+        """Start the schedule at the first request."""
         self.zero = now
         for fault in self._faults:
             begin, end = self._window(fault)
@@ -52,7 +52,7 @@ class Tape:
         self._changes.sort(key=lambda change: change.at)
 
     def changes(self, now: float) -> list[Change]:
-        """The changes of the physics that have come due, in order; each is given once."""
+        """Return the changes of the physics that are due, in order, each once."""
         if not self._changes:
             return []
         due = bisect_right(self._changes, now, key=lambda change: change.at)
@@ -60,21 +60,21 @@ class Tape:
         return taken
 
     def unplugged(self, now: float) -> bool:
-        """Whether the cable is out."""
+        """Whether the cable is disconnected."""
         return bool(self._outages) and any(begin <= now < end for begin, end in self._outages)
 
     def next_plugging(self, now: float) -> float | None:
-        """When the cable next goes out or in; None if it never will (or not before the first question)."""
+        """Return when the cable is next disconnected or connected; None if never, or before the first request."""
         return min((moment for outage in self._outages for moment in outage if moment > now), default=None)
 
     def strikes(self, asked: Asked | None, header: str, now: float) -> list[FaultSpec]:
-        """The faults that strike the answer to this question."""
+        """Return the faults that affect the answer to this request."""
         if not self._on_answers:
             return []
         return [fault for number, fault in self._on_answers if self._hits(number, fault, asked, header, now)]
 
     def spoil(self, answer: bytes, faults: Sequence[FaultSpec]) -> tuple[bytes, float]:
-        """What these faults leave of `answer` (nothing: silence), and how many seconds late it is."""
+        """Apply faults to `answer`; return the bytes left (none: silence), and the delay in seconds."""
         late_s = 0.0
         for fault in faults:
             match fault.kind:
@@ -89,7 +89,7 @@ class Tape:
         return answer, late_s
 
     def _flipped(self, answer: bytes, bits: int) -> bytes:
-        """`answer` with `bits` different bits the wrong way round."""
+        """Return `answer` with `bits` different bits inverted."""
         whole = int.from_bytes(answer, "big")
         for place in self._random.sample(range(8 * len(answer)), min(bits, 8 * len(answer))):
             whole ^= 1 << place
@@ -108,7 +108,7 @@ class Tape:
 
 
 def _meant(fault: FaultSpec, asked: Asked | None, header: str) -> bool:
-    """Whether the fault is about this question."""
+    """Whether the fault concerns this request."""
     if fault.only is not None and header != fault.only[0].upper():
         return False
     if fault.command is None and fault.port is None:
@@ -117,7 +117,7 @@ def _meant(fault: FaultSpec, asked: Asked | None, header: str) -> bool:
 
 
 def happen(change: Change, device: Device) -> None:
-    """Let a fault of the physics begin or end on this device, at its moment."""
+    """Begin or end a fault of the physics on this device."""
     fault = change.fault
     device.face.advance_to(change.at)
     if fault.kind == "restart":

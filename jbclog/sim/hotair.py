@@ -1,4 +1,4 @@
-"""A virtual hot air station: its physics, and its face to the wire."""
+"""A virtual hot air station: its physics, and its answers."""
 
 from __future__ import annotations
 
@@ -16,23 +16,20 @@ from jbclog.sim.port import fresh
 from jbclog.sim.soldering import COUNTER_ROOM, Asked, Identity, set_value, setting
 from jbclog.sim.tip import NEVER, Joint, Joints
 
-# -- air ----------------------------------------------------------------------------------------------------------------------
-# The heater of a hot air tool in its air stream, and a thermocouple on the work. Physics only.
-#
-# One heat capacity, the heater, gives its heat to the air that goes through it; what the tool's own thermocouple sees is
-# the heater's temperature. The regulator knows what holds the target and adds what is in proportion to the difference, so
-# that it never overshoots. Each step is the exact exponential of its regime, so steps may be as coarse as nothing changes.
+# The heater is one heat capacity that gives its heat to the air stream; the tool's thermocouple measures the heater. The regulator
+# knows the holding power and adds a proportional part, so that it never overshoots. Each step is the exact exponential of its
+# regime, so steps may be long while nothing changes.
 
 CAPACITY_J_PER_K = 15.0  # 25 to 350 °C in about ten seconds at 900 W and half the air
 STILL_W_PER_K = 0.1  # with the pump off
-STREAM_W_PER_K = 0.9  # 45 l/min of air carry so much away
+STREAM_W_PER_K = 0.9  # carried away by 45 l/min of air
 GAIN_W_PER_K = 20.0
 PROBE_LAG_S = 4.0  # a thermocouple on a board
-ON_WORK, BESIDE_WORK = 0.7, 0.1  # what the work sees of the air's rise, under the nozzle and beside it
+ON_WORK, BESIDE_WORK = 0.7, 0.1  # share of the air's rise at the work, under the nozzle and beside it
 
 
 class Heater:
-    """Temperature and heating power of one heater; `step` lets time go on."""
+    """Temperature and heating power of one heater; `step` simulates."""
 
     __slots__ = ("ambient_c", "power_w", "rated_w", "temperature_c")
 
@@ -43,7 +40,7 @@ class Heater:
         self.power_w = 0.0
 
     def step(self, seconds: float, target_c: float | None, stream: float) -> None:
-        """Go on by `seconds` towards `target_c` (None: heater off) in a stream of 0 (pump off) to 1 (all of it)."""
+        """Simulate `seconds` towards `target_c` (None: heater off) in a stream of 0 (pump off) to 1 (maximum)."""
         loss = STILL_W_PER_K + STREAM_W_PER_K * stream
         if target_c is None:
             self.power_w = 0.0
@@ -59,7 +56,7 @@ class Heater:
         return loss * (target_c - self.ambient_c) + GAIN_W_PER_K * (target_c - self.temperature_c)
 
     def _leave_limit(self, seconds: float, target_c: float, loss: float) -> float:
-        """While the regulator asks for more than all or less than nothing, give it that; what is left of `seconds`."""
+        """Simulate as long as the regulator's output is limited; return the remaining seconds."""
         asked_w = self._asked_w(target_c, loss)
         if 0.0 <= asked_w <= self.rated_w:
             return seconds
@@ -77,7 +74,7 @@ class Heater:
 
 
 class Probe:
-    """A thermocouple on the work: it follows what the air does to the work, with a lag."""
+    """A thermocouple on the work, which follows the air with a lag."""
 
     __slots__ = ("ambient_c", "temperature_c")
 
@@ -86,23 +83,20 @@ class Probe:
         self.temperature_c = ambient_c
 
     def step(self, seconds: float, air_c: float | None, *, on_work: bool) -> None:
-        """Go on by `seconds` in air of `air_c` (None: none is blown)."""
+        """Simulate `seconds` in air of `air_c` (None: no air)."""
         share = ON_WORK if on_work else BESIDE_WORK
         end = self.ambient_c if air_c is None else self.ambient_c + share * (air_c - self.ambient_c)
         self.temperature_c = end + (self.temperature_c - end) * exp(-seconds / PROBE_LAG_S)
 
 
-# -- airstation ---------------------------------------------------------------------------------------------------------------
-# A whole hot air station: tool, pump, suction and hours. Physics only; time is passed in.
-#
-# What no manual says, and this station does: cooling blows all the air that there is, and ends by itself below `COLD_C`;
-# off is off at once, without cooling; a tool that is pulled out leaves the state as it was; a tool cycle is counted each
-# time that the tool is switched on, a suction cycle each time that suction is. The external temperature regulates nothing.
+# Where the manuals are silent: cooling blows at the maximum, and ends by itself below `COLD_C`; off switches off at once, without
+# cooling; removing the tool keeps the state; a tool cycle counts each switching on, a suction cycle each start of suction. The
+# external temperature regulates nothing.
 
 STEP_S = 0.05
 COLD_C = 50.0
-READY_C = 30.0  # nobody begins to work with air that is colder than this below its setting
-LIFT_S = 1.0  # a part is lifted off as long with suction
+READY_C = 30.0  # no work begins while the air is colder than this below its setpoint
+LIFT_S = 1.0  # suction time for lifting a part
 NO_TOOL = 0
 NO_TOOL_ERROR, NO_THERMOCOUPLE_ERROR = 9, 4
 
@@ -111,7 +105,7 @@ StatusWord = tuple[int, ...]
 
 @dataclass(slots=True)
 class AirSettings:
-    """What can be set."""
+    """Settings."""
 
     selected_air_temperature: int
     selected_air_flow: int
@@ -121,7 +115,7 @@ class AirSettings:
 
 @dataclass(slots=True)
 class AirLimits:
-    """What the station allows."""
+    """Limits of the settings."""
 
     maximum_air_temperature: int
     minimum_air_temperature: int
@@ -133,7 +127,7 @@ class AirLimits:
 
 @dataclass(slots=True)
 class AirCharacter:
-    """What does not change: how its sensors and its user are."""
+    """Constant properties of sensors and user."""
 
     noise_c: float = 0.0
     sensor_error_c: float = 0.0
@@ -182,17 +176,15 @@ class AirStation:
     suction_cycles: int = 0
     _work: Joint | None = None
     _next: Joint = NEVER
-    _let_go: float = inf  # when suction ends by itself
+    _let_go: float = inf  # when suction ends automatically
     _quiet_since: float = field(init=False)
 
     def __post_init__(self) -> None:
         self.began = self._quiet_since = self.now
         self.probe = Probe(self.heater.ambient_c)
 
-    # --- what can be done to it, at its present moment
-
     def order(self, word: StatusWord) -> None:
-        """Switch on, off or to cooling, with or without suction, as W-PS orders it."""
+        """Switch on, off or to cooling, with or without suction, as W-PS does."""
         self.tool_cycles += word[4] == 1 and not self.is_on
         self.is_on, self.is_cooling = word[4] == 1, word[3] == 1
         self.suck(on=word[2] == 1)
@@ -204,43 +196,41 @@ class AirStation:
         self.has_suction, self._let_go = on, inf
 
     def plug(self, tool: int) -> None:
-        """Exchange the tool for a cold one with number `tool`; 0 pulls it out."""
+        """Exchange the tool for a cold one with number `tool`; 0 removes it."""
         self.tool_before, self.tool = self.tool, tool
         self.heater.temperature_c = self.heater.ambient_c
         self._work = None
         self.changed()
 
     def restart(self) -> None:
-        """The mains switch: everything is off. Whether a setting is volatile is not printed; here none is."""
+        """Power cycle: everything is off. No manual prints which settings are volatile; here none is."""
         self.order((0, 0, 0, 0, 0))
 
     def reset_settings(self) -> None:
-        """What W-RST is called in the list of commands: "reset station settings"."""
+        """Reset settings: W-RST is listed as "reset station settings"."""
         self.settings, self.adjust = _settings(), _adjustments()
         self.changed()
 
     def factory_reset(self) -> None:
-        """Settings and limits as the factory left them; counters stay."""
+        """Restore settings and limits; counters stay."""
         self.limits = _limits()
         self.reset_settings()
 
     def changed(self) -> None:
-        """Take note of a changed setting, state or tool: work begins anew."""
+        """Recompute after a change of setting, state or tool."""
         self._quiet_since = self.now
         self._next = self.joints.after(self.now) if self.target_c is not None else NEVER
 
-    # --- what can be seen of it
-
     @property
     def target_c(self) -> float | None:
-        """What the heater is regulated to; None where it is off."""
+        """The heater's target; None where it is off."""
         if self.tool == NO_TOOL or not self.is_on or self.is_cooling:
             return None
         return self.settings.selected_air_temperature + (self.runaway_by_c or 0.0) - self._offset_c
 
     @property
     def stream(self) -> float:
-        """How much of its greatest air flow it blows, 0 to 1."""
+        """The present share of the maximum air flow, 0 to 1."""
         if self.is_cooling:
             return 1.0
         return self.settings.selected_air_flow / max(self.limits.maximum_air_flow, 1) if self.is_on else 0.0
@@ -250,18 +240,18 @@ class AirStation:
         return (0, 0, int(self.has_suction), int(self.is_cooling), int(self.is_on))
 
     def air_temperature(self) -> int:
-        """The air temperature that the station shows, in °C; 0 without a tool."""
+        """Return the displayed air temperature in °C; 0 without a tool."""
         if self.stuck_c is not None:
             return self.stuck_c
         noise = self.character.noise.gauss(0.0, self.character.noise_c) if self.character.noise_c else 0.0
         return 0 if self.tool == NO_TOOL else round(self.heater.temperature_c + self._offset_c + noise)
 
     def external_temperature(self) -> int:
-        """What the thermocouple on the work shows; without one 0, as no manual says what then."""
+        """Return the thermocouple's temperature; 0 without one, because no manual prints the value."""
         return round(self.probe.temperature_c) if self.character.has_thermocouple else 0
 
     def power(self) -> int:
-        """The heating power in per mille of the rated power."""
+        """Return the heating power in per mille of the rated power."""
         return round(1000 * self.heater.power_w / self.heater.rated_w)
 
     def port_error(self) -> int:
@@ -270,7 +260,7 @@ class AirStation:
         return self.error if self.error or self.character.has_thermocouple else NO_THERMOCOUPLE_ERROR
 
     def count(self, name: str) -> int:
-        """What the counter with the command name `name` shows."""
+        """Return the counter with the command name `name`."""
         counted = {
             "plugged_hours": (self.now - self.began) / 3600,
             "work_hours": self.work_s / 3600,
@@ -284,10 +274,8 @@ class AirStation:
         """Reading minus true temperature."""
         return self.character.sensor_error_c - self.adjust.get(self.tool, 0)
 
-    # --- time
-
     def advance_to(self, moment: float) -> None:
-        """Let time go on to `moment`; a moment in the past changes nothing."""
+        """Simulate until `moment`; a moment in the past changes nothing."""
         while self.now < moment:
             coarse = self.now + max(STEP_S, (self.now - self._quiet_since) / 4)
             due = min(self._work.end if self._work else self._next.start, self._let_go)
@@ -305,7 +293,7 @@ class AirStation:
             self.is_cooling, self._quiet_since = False, self.now
 
     def _turn(self) -> None:
-        """Something is due: work begins or ends, or a part is let go."""
+        """Process the due event: work begins or ends, or suction ends."""
         self._quiet_since = self.now
         if self.now >= self._let_go:
             self.suck(on=False)
@@ -332,7 +320,7 @@ PORT = 1
 
 
 class AirFace:
-    """A hot air station as its command table sees it."""
+    """A hot air station as the device sees it."""
 
     def __init__(self, station: AirStation) -> None:
         self.station = station
@@ -386,7 +374,7 @@ class AirFace:
         self.station.restart()
 
     def keep(self) -> None:
-        """Nothing here is volatile."""
+        """Do nothing: no setting is volatile."""
 
     def strike(self, fault: FaultSpec, port: int, *, begins: bool) -> None:
         station = self.station
@@ -400,11 +388,11 @@ class AirFace:
                 station.plug(fault.code if begins else station.tool_before)
 
     def _holder(self, command: Command) -> object:
-        """Where the value of a setting is kept."""
+        """Return the holder of a setting."""
         return self.station.settings if command.scope is Scope.PORT else self.station.limits
 
     def _range(self, command: Command) -> tuple[float, float]:
-        """Lowest and highest value of a setting, or of a limit itself; a limit does not pass its counterpart."""
+        """Return minimum and maximum of a setting, or of a limit itself, which does not pass its counterpart."""
         limits = self.station.limits
         if command.within is not None:
             lowest, highest = (setting(limits, name) if name else -9999 for name in command.within)

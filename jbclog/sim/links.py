@@ -1,4 +1,4 @@
-"""Where a client finds a virtual station: pseudo-terminals and TCP ports, with the timing of a wire."""
+"""The links of virtual stations: pseudo-terminals and TCP ports, with the timing of a serial line."""
 
 from __future__ import annotations
 
@@ -18,11 +18,8 @@ from typing import Protocol
 from jbclog.core.errors import UsageError
 from jbclog.core.serial_line import LineFormat
 
-# -- terminal line ------------------------------------------------------------------------------------------------------------
-# The line format that a client has set on a pseudo-terminal, which has no wire and passes bytes on at any.
-#
-# Linux keeps rate, stop bits and the mark for odd parity, and drops the one for parity as such: there even cannot be told
-# from none.
+# A pseudo-terminal has no line and passes bytes at any format. Linux keeps the client's rate, stop bits and odd parity, but
+# not even parity, so even and none cannot be distinguished.
 
 with suppress(ImportError):  # Windows has no terminals
     import fcntl
@@ -34,7 +31,7 @@ _SETTINGS = struct.Struct("4I B 19s 2I")
 
 
 def line_set(descriptor: int, like: LineFormat) -> LineFormat:
-    """What the client of the terminal behind `descriptor` has set; `like` where, or as far as, that cannot be told."""
+    """Return the line format set by the client of the terminal behind `descriptor`; `like` as far as it is not known."""
     try:
         settings = fcntl.ioctl(descriptor, TCGETS2, bytes(_SETTINGS.size))
     except (OSError, NameError):
@@ -47,21 +44,18 @@ def line_set(descriptor: int, like: LineFormat) -> LineFormat:
     return LineFormat(baudrate, f"8{parity}{like.stop_bits}")
 
 
-# -- uart ---------------------------------------------------------------------------------------------------------------------
-# What a receiver makes of characters that were sent at another rate or parity than its own: bit by bit, as on a wire.
-#
-# A receiver waits for a falling edge and looks at the line in the middle of each bit that should follow, by its own clock.
-# Of the stop bits it looks at the first only, so that one or two make no difference to it.
+# What a receiver makes of characters sent at another rate or parity, bit by bit: it waits for a falling edge and samples
+# the middle of each following bit by its own clock. It samples only the first stop bit, so their number does not matter.
 
 IDLE = 1
 DATA_BITS = 8
 
 
 def heard(data: bytes, sender: LineFormat, receiver: LineFormat, *, keeps_errors: bool = False) -> bytes:
-    """What `receiver` hears of `data`, sent without a pause by `sender`.
+    """Return what `receiver` reads from `data`, sent without a pause by `sender`.
 
-    Characters whose parity or stop bit is wrong are dropped, as a careful station does, or kept, as Linux does with the
-    settings that serial programs use.
+    Characters with a wrong parity or stop bit are dropped, as a careful station does, or kept, as Linux does with the usual
+    settings.
     """
     if (sender.baudrate, sender.parity) == (receiver.baudrate, receiver.parity):
         return data
@@ -70,7 +64,7 @@ def heard(data: bytes, sender: LineFormat, receiver: LineFormat, *, keeps_errors
 
 
 def _character(byte: int, line: LineFormat) -> list[int]:
-    """The levels of one character, bit after bit: start, data from the lowest bit up, parity, stop."""
+    """Return the levels of one character: start, data from the lowest bit up, parity, stop."""
     data = [byte >> place & 1 for place in range(DATA_BITS)]
     return [0, *data, *_parity(sum(data), line), *[IDLE] * line.stop_bits]
 
@@ -80,7 +74,7 @@ def _parity(ones: int, line: LineFormat) -> list[int]:
 
 
 def _received(levels: list[int], baudrate: int, receiver: LineFormat) -> Iterator[tuple[int, bool]]:
-    """Each character that the receiver finds in the levels, and whether its parity and stop bit hold."""
+    """Yield each character in the levels, and whether its parity and stop bit are correct."""
 
     def level_at(seconds: float) -> int:
         place = int(seconds * baudrate)
@@ -93,14 +87,14 @@ def _received(levels: list[int], baudrate: int, receiver: LineFormat) -> Iterato
         looked = [starts + (bit + 0.5) / receiver.baudrate for bit in range(1 + DATA_BITS + parities + 1)]
         start, *bits = [level_at(moment) for moment in looked]
         data, parity, stop = bits[:DATA_BITS], bits[DATA_BITS:-1], bits[-1]
-        if start == 0:  # else a spike that was over too soon
+        if start == 0:  # else a spike
             yield sum(bit << place for place, bit in enumerate(data)), stop == IDLE and parity == _parity(sum(data), receiver)
         done = looked[-1] if start == 0 else looked[0]
         edge = _falling_edge(levels, max(int(done * baudrate), edge + 1))
 
 
 def _falling_edge(levels: list[int], first: int) -> int | None:
-    """The first place from `first` on at which the line goes from idle to 0."""
+    """Return the first place from `first` on at which the level falls to 0."""
     before = levels[first - 1] if 0 < first <= len(levels) else IDLE
     for place in range(first, len(levels)):
         if before and not levels[place]:
@@ -109,31 +103,28 @@ def _falling_edge(levels: list[int], first: int) -> int | None:
     return None
 
 
-# -- waiting ------------------------------------------------------------------------------------------------------------------
-# Waits for many descriptors, exactly: epoll counts whole milliseconds, and a paced wire needs less than one.
-#
-# Where the selector is epoll, the last word has select(), which counts microseconds and can watch one
-# descriptor: epoll's own. A question that comes meanwhile is heard at once. Where the system lets it, timers
-# are exact to the nanosecond instead of 50 µs, and a long wait aims `LEAD_S` before its end, because a processor
-# that has slept for long needs about as much to wake.
+# epoll counts whole milliseconds, but a simulated line needs shorter waits. So select(), which counts microseconds, ends each wait
+# and watches one descriptor: that of epoll. A request arriving meanwhile is noticed at once. Where possible timers are exact to the
+# nanosecond instead of 50 µs, and a long wait aims `LEAD_S` before its end, because a sleeping processor needs about as
+# long to wake.
 
 Ready = Callable[[float], None]
-"""Called with the moment (monotonic seconds) at which there was something to read."""
+"""Called when bytes can be read, with the time (monotonic seconds)."""
 
-MOST_FOR_SELECT = 1024  # a selector that is made first has a low number
+MOST_FOR_SELECT = 1024  # a selector created early has a low number
 LEAD_S = 40e-6
 LONG_S = 1e-3
 PR_SET_TIMERSLACK = 29
 
 
 def exact_timers() -> None:
-    """Ask Linux to end this thread's waits when they end, and not up to 50 µs later."""
+    """Let Linux end this thread's waits exactly, not up to 50 µs later."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(PR_SET_TIMERSLACK, 1, 0, 0, 0)
 
 
 class Waiter:
-    """Descriptors, and what to call when there is something to read on each."""
+    """Waits for descriptors and calls back for each that is readable."""
 
     def __init__(self) -> None:
         self._selector = selectors.DefaultSelector()
@@ -150,9 +141,9 @@ class Waiter:
         self._selector.unregister(descriptor)
 
     def wait(self, seconds: float | None) -> None:
-        """Wait until something can be read or `seconds` have nearly gone by, and call whoever is concerned.
+        """Wait until a descriptor is readable or `seconds` are nearly over, and call back.
 
-        Who is called removes no descriptor but its own.
+        A callback removes no descriptor but its own.
         """
         if self._coarse and seconds is not None:
             aim = seconds - LEAD_S if seconds > LONG_S else max(seconds, 0.0)
@@ -177,9 +168,7 @@ class Waiter:
         os.read(self._wake_read, 4096)
 
 
-# -- links --------------------------------------------------------------------------------------------------------------------
-
-with suppress(ImportError):  # Windows has no pseudo-terminals; TcpLink serves there
+with suppress(ImportError):  # Windows has no pseudo-terminals; TcpLink works there
     import fcntl
     import termios
     import tty
@@ -188,34 +177,32 @@ with suppress(ImportError):  # Windows has no pseudo-terminals; TcpLink serves t
 MOST_AT_ONCE = 4096
 
 OnBytes = Callable[[bytes, float], None]
-"""Takes what has been written to a port, and when (monotonic seconds)."""
+"""Takes bytes written to a port, with their time (monotonic seconds)."""
 
 
 class Link(Protocol):
-    """One station's end of the cable. `url` is what the client opens."""
+    """One station's end of the cable. `url` is for the client."""
 
     @property
     def url(self) -> str: ...
 
     def plug_in(self, on_bytes: OnBytes) -> None:
-        """Make the port appear, and give `on_bytes` whatever is written to it."""
+        """Create the port, and pass whatever is written to it to `on_bytes`."""
 
     def send(self, data: bytes) -> None:
-        """Let the client read `data`; it is lost where nobody listens."""
+        """Let the client read `data`; it is lost without a client."""
 
     def pull_out(self) -> None:
-        """Make the port disappear, as a pulled cable does."""
+        """Remove the port, as a pulled cable does."""
 
 
 class PtyLink:
     """A pseudo-terminal with a symbolic link to it at `path`.
 
-    While no client has it open the station holds the client's side itself, so that it does not hang up; it
-    lets go of it at the first byte, so that it learns when the client closes. Then it takes back the exclusive
-    use, which outlives the client.
+    Without a client the station holds the client's side open itself, so that the terminal stays connected; it closes it at the
+    first byte, to notice when the client closes, and then clears the exclusive mode, which outlives the client.
 
-    Where the client has set another line format than the station's, `line`, each hears of the other what a wire would
-    make of it (`links.py`).
+    If the client has set another line format than the station's, `line`, each receives what a real line would deliver.
     """
 
     def __init__(self, path: Path, waiter: Waiter, line: LineFormat) -> None:
@@ -242,7 +229,7 @@ class PtyLink:
 
     def send(self, data: bytes) -> None:
         if self._station is not None:
-            with suppress(BlockingIOError):  # nobody has read for thousands of bytes
+            with suppress(BlockingIOError):  # the buffer is full: nobody reads
                 os.write(self._station, heard(data, self._line, line_set(self._station, self._line), keeps_errors=True))
 
     def pull_out(self) -> None:
@@ -278,13 +265,13 @@ class PtyLink:
             os.close(held)
 
     def _hold(self) -> None:
-        with suppress(OSError):  # the next client has it already, for itself alone
+        with suppress(OSError):  # the next client has opened it exclusively
             self._held = os.open(self._device, os.O_RDWR | os.O_NOCTTY)
-            fcntl.ioctl(self._held, termios.TIOCNXCL)  # and no more: the next client may be setting up its own already
+            fcntl.ioctl(self._held, termios.TIOCNXCL)  # nothing more: the next client may be configuring it
 
 
 class TcpLink:
-    """A TCP port that serves one client at a time; a second one is turned away while the first is there."""
+    """A TCP port that serves one client at a time; a second one is refused."""
 
     def __init__(self, host: str, port: int, waiter: Waiter) -> None:
         self._host = host
@@ -326,7 +313,7 @@ class TcpLink:
             return
         try:
             client, _ = self._server.accept()
-        except OSError:  # gone again
+        except OSError:  # already gone
             return
         if self._client is not None:
             client.close()
@@ -362,7 +349,7 @@ def _forget(_data: bytes, _now: float) -> None:
 
 
 def _link(path: Path, target: str) -> None:
-    """Make `path` a symbolic link to `target`; only a link may be replaced."""
+    """Make `path` a symbolic link to `target`; only a link is replaced."""
     if path.exists() and not path.is_symlink():
         raise UsageError(f"{path} is there already and is no link; it is left alone")
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -1,9 +1,8 @@
-"""A virtual OMEGA: its process, and its bytes.
+"""A virtual OMEGA: its process, and its answers.
 
-It answers after 0 to 250 ms, as it likes, or after `turnaround_ms` where the line file says so. A wrong sum, an unknown
-command, an unknown number and a value out of range are met with silence (003, 11.2; docs/reference/protocol.md). H is
-answered when the joint
-is made, however late that is.
+It answers after a random 0 to 250 ms, or after `turnaround_ms` if the line file has it. A wrong sum, an unknown command, an unknown
+number and a value out of range get no answer (003, 11.2; docs/reference/protocol.md). H is answered when the joint is
+completed, however late.
 """
 
 from __future__ import annotations
@@ -39,15 +38,12 @@ from jbclog.sim.soldering import Asked
 from jbclog.sim.tip import Joints
 from jbclog.sim.virtual import Pace, Reply
 
-# -- omega plant --------------------------------------------------------------------------------------------------------------
-# What happens in a virtual OMEGA: warming up, joints, solder that runs out, and the conditions that it has stored.
-#
-# Where no document says what a controller does, this one does so: it prepares for `WARM_UP_S` after it was switched on; its
-# temperature leaves the range in the later part of each joint and is back when the joint is over; a condition takes as long as
-# its times and its feeds, and 0 mm/s moves nothing; its wire goes no faster than `MOST_MM_S`. That proves nothing about a real one.
+# Where no document describes a controller: it prepares for `WARM_UP_S` after switching on; its temperature leaves the range in
+# the later part of each joint and is back at its end; a condition takes as long as its times and its feeds, and 0 mm/s moves
+# nothing; its wire moves at most at `MOST_MM_S`. That proves nothing about a real one.
 
 WARM_UP_S = 5.0
-DIPS_AFTER = 0.4  # of a joint, its temperature leaves the range
+DIPS_AFTER = 0.4  # share of a joint after which its temperature leaves the range
 MOST_MM_S = 60.0
 MODE_OF_HUNDRED = {1: 0, 2: 1, 3: 4}  # special point, special slide, pre-solder
 SLIDES = (1, 3)
@@ -56,7 +52,7 @@ BACK = (("reverse1_mm", "reverse1_mm_s"), ("reverse2_mm", "reverse2_mm_s"), ("re
 
 
 def usual(number: int) -> StoredRecord:
-    """What is stored under a number that nobody has written yet."""
+    """Return the initial record of a number."""
     if number == CLEANING:
         return Cleaning(0.5)
     mode = MODE_OF_HUNDRED[number // 100]
@@ -64,7 +60,7 @@ def usual(number: int) -> StoredRecord:
 
 
 class OmegaPlant:
-    """One controller and what it drives. Moments are monotonic seconds."""
+    """One controller and its machine. Times are monotonic seconds."""
 
     def __init__(self, began: float, joints: Joints, stored: Mapping[int, StoredRecord]) -> None:
         self.stored = dict(stored)
@@ -75,15 +71,13 @@ class OmegaPlant:
         self._run_from = self._run_to = began  # the joint that H began
 
     def restart(self, now: float) -> None:
-        """It is switched on anew."""
+        """Switch off and on again."""
         self._ready_at = now + WARM_UP_S
         self._run_to = now
 
     def advance_to(self, moment: float) -> None:
         while self._joint.end <= moment:
             self._joint = self._joints.after(self._joint.start)
-
-    # -- what it tells ---------------------------------------------------------------------------------------------
 
     def information(self) -> str:
         return INFORMATION.names[("solder_shortage" in self.faults) + 2 * ("clog" in self.faults)]
@@ -105,8 +99,6 @@ class OmegaPlant:
     def _at_work(self) -> list[tuple[float, float]]:
         return [(self._joint.start, self._joint.end), (self._run_from, self._run_to)]
 
-    # -- what it is told -------------------------------------------------------------------------------------------
-
     def takes(self, value: StoredRecord) -> bool:
         """Whether every field is in its range."""
         return all(float(text) <= MOST_MM_S for _, unit, text in value.values() if unit == "mm/s")
@@ -115,7 +107,7 @@ class OmegaPlant:
         self.stored[value.condition] = value
 
     def run(self, number: int, now: float) -> tuple[str, float]:
-        """Make the joint of this condition; what will be said of it, and when."""
+        """Make the joint of this condition; return the completion message and its time."""
         condition = self.condition(number)
         slides = condition.mode in SLIDES
         self._run_from = now
@@ -124,7 +116,7 @@ class OmegaPlant:
 
 
 def seconds_of(condition: StoredRecord, *, first_stage: bool = False) -> float:
-    """How long its joint takes; only its first stage, of a slide."""
+    """Return the duration of its joint; of a slide only the first stage."""
     if isinstance(condition, Cleaning):
         return condition.air_blow_s
     if not isinstance(condition, ConditionRecord):
@@ -140,7 +132,7 @@ def seconds_of(condition: StoredRecord, *, first_stage: bool = False) -> float:
 SLOWEST_S = 0.25  # 003 11.1
 IN_DEGREES: Final = "temperature_in_degrees"
 OMEGA_QUIRKS: Final = {IN_DEGREES: 51}
-"""Ways to differ, with their rows of docs/reference/contradictions.md."""
+"""Quirks, with their rows of docs/reference/contradictions.md."""
 
 PHYSICS: Final = OF_OMEGA | {"restart"}
 KINDS: Final = PHYSICS | {"silence", "noise", "flip", "late", "nak", "dropout"}
@@ -151,7 +143,7 @@ SET_C = 350  # of condition 399, which sets a temperature
 
 
 class VirtualOmega:
-    """One controller, switched on at `now`. `log` is its own memory of the wire, `plant` what it drives."""
+    """One controller, switched on at `now`. `log` is its own log, `plant` its machine."""
 
     def __init__(self, spec: StationSpec, *, now: float, seed: int | None = None) -> None:
         sim = spec.sim or SimSpec()
@@ -171,21 +163,21 @@ class VirtualOmega:
         self._silent_until = float("-inf")
 
     def is_unplugged(self, now: float) -> bool:
-        """Whether the cable is out: there is no port to write to or read from."""
+        """Whether the cable is disconnected: there is no port."""
         return self.faults.unplugged(now)
 
     def next_plugging(self, now: float) -> float | None:
-        """When `is_unplugged` changes next, as far as is known."""
+        """Return when `is_unplugged` changes next, as far as known."""
         return self.faults.next_plugging(now)
 
     def advance_to(self, moment: float) -> None:
-        """Let the physics, with the faults in it, go on without any question."""
+        """Simulate physics and faults without a request."""
         for change in self.faults.changes(moment):
             self._happen(change)
         self.plant.advance_to(moment)
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
-        """What it says to bytes that were written to its port at `now`: what answers them, and what comes of them later."""
+        """Return the answers to bytes written to its port at `now`, and later messages caused by them."""
         if self.is_unplugged(now):
             return []
         heard = self._pace.heard(len(data), now)
@@ -207,10 +199,8 @@ class VirtualOmega:
         answer = self._answer(text, heard)
         return self._ignore(text, heard) if answer is None else self._send(answer, struck, heard)
 
-    # -- what is answered ------------------------------------------------------------------------------------------
-
     def _answer(self, text: str, now: float) -> str | None:
-        """The answer to a question with a good sum; None is its way to refuse."""
+        """Answer a request with a correct sum; None is a refusal."""
         letter, data = text[0], text[1:]
         if letter == "C":
             return self._condition(data)
@@ -258,10 +248,8 @@ class VirtualOmega:
         self.log.refused.append(Refused(now, text, 0))
         return []
 
-    # -- the wire --------------------------------------------------------------------------------------------------
-
     def _send(self, text: str, struck: list[FaultSpec], after: float, *, by_itself: bool = False) -> list[Reply]:
-        """Put an answer on the wire, as the faults that strike it leave it. What it says by itself waits for no answer."""
+        """Send an answer, after applying its faults. An unsolicited message waits for no answer."""
         clean = encode(text)
         sent, late_s = self.faults.spoil(clean, struck)
         self.log.struck.extend(Struck(after, fault.kind, clean, sent) for fault in struck)
@@ -276,8 +264,6 @@ class VirtualOmega:
     def _delay_s(self) -> float:
         return self._random.uniform(0.0, SLOWEST_S) if self._turnaround_s is None else self._turnaround_s
 
-    # -- faults ----------------------------------------------------------------------------------------------------
-
     def _happen(self, change: Change) -> None:
         kind = change.fault.kind
         if kind == "restart":
@@ -291,7 +277,7 @@ class VirtualOmega:
 
 
 def _number(data: str) -> int | None:
-    """The number of a condition that there is; None for all others."""
+    """Return the number of an existing condition; None for others."""
     try:
         return 0 if data == "0000" else NUMBER.decode(data)
     except ValueError:
@@ -299,7 +285,7 @@ def _number(data: str) -> int | None:
 
 
 def _stored(station: str, sim: SimSpec) -> dict[int, StoredRecord]:
-    """What the line file lets it begin with, and one condition that sets a temperature, in tenths or in whole degrees."""
+    """Return the initial conditions of the line file, and one that sets a temperature, in tenths or in whole degrees."""
     set_temperature = SetTemperature(399, SET_C if IN_DEGREES in sim.quirks else 10 * SET_C, 0)
     found: dict[int, StoredRecord] = {set_temperature.condition: set_temperature}
     for name, told in sim.settings.items():
@@ -314,7 +300,7 @@ def _stored(station: str, sim: SimSpec) -> dict[int, StoredRecord]:
 
 
 def _check_names(station: str, sim: SimSpec) -> None:
-    """A name that is not there would silently do nothing."""
+    """Refuse a name that does not exist, and would silently have no effect."""
     wrong = [f"counters: {name}" for name in sim.counters]
     wrong += [f"quirks: {name}" for name in sim.quirks if name not in OMEGA_QUIRKS]
     wrong += [f"fault {fault.kind}" for fault in sim.fault if fault.kind not in KINDS]

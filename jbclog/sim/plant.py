@@ -1,4 +1,4 @@
-"""The physics of one whole soldering station."""
+"""The physics of a whole soldering station."""
 
 from __future__ import annotations
 
@@ -10,18 +10,16 @@ from jbclog.protocol.commands.defaults import FEEDER_DEFAULTS
 from jbclog.sim.port import HIBERNATION, SLEEP, STAND, WORKING, Port, fresh
 from jbclog.sim.tip import WarmPart
 
-# -- feeder -------------------------------------------------------------------------------------------------------------------
-# The solder feeder: a motor that pushes wire forward and then draws it back a little. Physics only.
-#
-# In the modes continuous and reload it feeds until it is stopped; in discontinuous and program one start feeds
-# one length. The counters count what was pushed forward; no manual says whether drawing back is taken off.
+# The solder feeder pushes wire forward and then draws it back a little. In the modes continuous and reload it feeds until it is
+# stopped; in discontinuous and program one start feeds one length. The counters count forward motion; no manual says
+# whether drawing back is subtracted.
 
 UNTIL_STOPPED = ("continuous", "reload")
 
 
 @dataclass(slots=True)
 class FeederSettings:
-    """What can be set, in mm and mm/s."""
+    """Settings in mm and mm/s."""
 
     feeder_mode: str
     feeder_length: float
@@ -32,13 +30,13 @@ class FeederSettings:
 
 
 def fresh_feeder() -> FeederSettings:
-    """The settings with which a virtual feeder begins; no manual prints a real one's."""
+    """Return a virtual feeder's initial settings; no manual prints a real one's."""
     return fresh(FeederSettings, FEEDER_DEFAULTS)
 
 
 @dataclass(slots=True)
 class Feeder:
-    """Motor and counters. `settings` count for a feed from its start on."""
+    """Motor and counters. `settings` apply to a feed from its start on."""
 
     settings: FeederSettings = field(default_factory=fresh_feeder)
     fed_mm: float = 0.0
@@ -49,7 +47,7 @@ class Feeder:
     _speed: float = 1.0
 
     def start(self, now: float) -> None:
-        """Start feeding; nothing happens while it is running."""
+        """Start feeding; without effect while running."""
         if self.motor(now) != 0:
             return
         self._count()
@@ -59,43 +57,41 @@ class Feeder:
         self._stopped = self._forward_until + self.settings.feeder_backward / self._speed
 
     def stop(self, now: float) -> None:
-        """Stop the motor at once."""
+        """Stop the motor."""
         self._forward_until = min(self._forward_until, now)
         self._stopped = min(self._stopped, now)
         self._count()
 
     def motor(self, now: float) -> int:
-        """0 off, 1 forward, 2 backward, as the status word has it."""
+        """Return 0 off, 1 forward, 2 backward, as in the status word."""
         if now < self._forward_until:
             return 1
         return 2 if now < self._stopped else 0
 
     def dispensed_mm(self, now: float) -> float:
-        """Wire pushed forward so far."""
+        """Return the length pushed forward so far."""
         if self._start == -inf:
             return self.fed_mm
         return self.fed_mm + (min(now, self._forward_until) - self._start) * self._speed
 
     def dispensed_cycles(self, now: float) -> int:
-        """Feeds begun and not running any more."""
+        """Return the number of finished feeds."""
         return self.cycles + (self._start > -inf and self.motor(now) == 0)
 
     def _count(self) -> None:
-        """Take the finished feed into the counters."""
+        """Add the finished feed to the counters."""
         if self._start > -inf:
             self.fed_mm = self.dispensed_mm(self._forward_until)
             self.cycles += 1
             self._start = -inf
 
 
-# -- plant --------------------------------------------------------------------------------------------------------------------
-
 AMBIENT_C = 23.0
 
 
 @dataclass(slots=True)
 class StationSettings:
-    """What the station itself keeps."""
+    """Settings of the station itself."""
 
     maximum_temperature: int
     minimum_temperature: int
@@ -103,7 +99,7 @@ class StationSettings:
 
 @dataclass(slots=True)
 class Plant:
-    """A station since `began`. `start_counts` are what its counters showed then, by command name."""
+    """A station since `began`. `start_counts` are its counters at that time, by command name."""
 
     began: float
     ports: dict[int, Port]
@@ -119,17 +115,17 @@ class Plant:
         self.settings = replace(self.factory)
 
     def advance_to(self, moment: float) -> None:
-        """Let time go on to `moment` in all ports."""
+        """Simulate all ports until `moment`."""
         for port in self.ports.values():
             port.advance_to(moment)
 
     def transformer_temperature(self, now: float) -> float:
-        """In °C, after what all ports have drawn."""
+        """Return the temperature in °C, by the energy of all ports."""
         self.advance_to(now)
         return self.transformer.temperature_c(now, sum(port.energy_j for port in self.ports.values()))
 
     def count(self, name: str, port: Port, now: float) -> float:
-        """What the counter with the command name `name` shows: hours, cycles or mm."""
+        """Return the counter with the command name `name`: hours, cycles or mm."""
         return self.start_counts.get(name, 0.0) + self._counted(name, port, now)
 
     def _counted(self, name: str, port: Port, now: float) -> float:
@@ -156,19 +152,19 @@ class Plant:
         raise KeyError(name)
 
     def store(self) -> None:
-        """Keep the selected temperatures in the EEPROM."""
+        """Store the selected temperatures in the EEPROM."""
         for port in self.ports.values():
             port.stored_c = port.settings.selected_temperature
 
     def restart(self, now: float) -> None:
-        """Lose what is volatile, as after the mains switch."""
+        """Lose volatile values, as after a power cycle."""
         self.advance_to(now)
         self.feeder.stop(now)
         for port in self.ports.values():
             port.restart()
 
     def factory_reset(self, now: float) -> None:
-        """Put every setting back to the factory's; counters stay."""
+        """Restore factory settings; counters stay."""
         self.settings = replace(self.factory)
         self.feeder.stop(now)
         self.feeder.settings = fresh_feeder()

@@ -1,9 +1,8 @@
-"""One port of a virtual station: the tool in it, its settings, states and hours.
+"""One port of a virtual station: its tool, settings, states and hours.
 
-Stand keeps the selected temperature, sleep keeps the sleep temperature, hibernation has the heater off, and
-so has the extractor state of robots unless `extractor_cools` is false. A port goes on only when somebody
-wants to know: its steps grow from 50 ms for as long as nothing happens, and end at each joint and each
-change of state. A misspelt attribute raises, as all classes here have slots.
+Stand keeps the selected temperature, sleep the sleep temperature; hibernation has the heater off, and so has the extractor state of
+robots unless `extractor_cools` is false. A port is simulated only on demand: its steps grow from 50 ms while nothing
+happens, and end at each joint and each change of state. All classes have slots, so a misspelt attribute raises.
 """
 
 from __future__ import annotations
@@ -18,36 +17,30 @@ from jbclog.core.quantities import OFF, Off
 from jbclog.protocol.commands.defaults import SOLDERING_DEFAULTS, Default, values_of
 from jbclog.sim.tip import LOAD_C, NEVER, Comparator, Joint, Joints, Tip, WarmPart
 
-# -- factory settings ---------------------------------------------------------------------------------------------------------
-# Settings as a station holds them when it comes from the factory: by the family's table, `protocol/commands/defaults.py`.
-
 T = TypeVar("T")
 
 
 def fresh(kind: type[T], defaults: Iterable[Default], model: str = "") -> T:
-    """A dataclass of settings, whose fields are named for their commands."""
+    """Create a dataclass of factory settings, whose fields are named after their commands."""
     values = values_of(defaults, model)
     return kind(**{one.name: values[one.name] for one in fields(kind)})  # type: ignore[arg-type]  # a dataclass, as all settings are
 
 
-# -- state --------------------------------------------------------------------------------------------------------------------
-# What a tool is doing, what it goes over to by itself, and its hours. Physics only.
-#
-# ::
+# States of a tool::
 #
 #     working ──stand──▶ stand ──sleep delay──▶ sleep ──hibernation delay──▶ hibernation
 #        ▲                 │                      │                             │
 #        └─────working─────┴──────────────────────┴─────────────────────────────┘
 #
-# A stand order starts the sleep delay anew, except for a tool that already sleeps or hibernates. A delay that
-# is off never ends, and hibernation is counted from the sleep (manual 002, W-Dxy and W-Hxy).
+# A stand order restarts the sleep delay, except for a tool that sleeps or hibernates. A delay that is off never ends, and
+# hibernation counts from the sleep (manual 002, W-Dxy and W-Hxy).
 
 WORKING, STAND, SLEEP, HIBERNATION = range(4)
 
 
 @dataclass(slots=True)
 class ToolSettings:
-    """What a port keeps for one kind of tool: °C and minutes."""
+    """A port's settings for one kind of tool: °C and minutes."""
 
     adjust: int
     sleep_temperature: int
@@ -61,7 +54,7 @@ def _no_seconds() -> dict[int, float]:
 
 @dataclass(slots=True)
 class ToolState:
-    """The state since `began`. Factory setting is "Extract (stand by)" (manuals 002, 004)."""
+    """The state since `began`. The factory setting is "Extract (stand by)" (manuals 002, 004)."""
 
     began: float
     state: int = WORKING
@@ -70,14 +63,14 @@ class ToolState:
     seconds: dict[int, float] = field(default_factory=_no_seconds)
 
     def order(self, state: int, extractor: bool, now: float) -> None:
-        """Work (0), stand (1) or extract, as somebody orders it."""
+        """Order work (0), stand (1) or extract."""
         asleep = self.state in (SLEEP, HIBERNATION)
         self.extractor = extractor
         if not (state == STAND and asleep):
             self._enter(state, now)
 
     def due(self, delays: ToolSettings) -> float:
-        """When the next state comes by itself; never is infinity."""
+        """Return when the state changes by itself; infinity for never."""
         minutes: int | Off = OFF
         if self.state == STAND:
             minutes = delays.sleep_delay
@@ -86,13 +79,13 @@ class ToolState:
         return inf if isinstance(minutes, Off) else self.began + 60.0 * minutes
 
     def go_on(self, now: float) -> None:
-        """Stand becomes sleep, sleep becomes hibernation."""
+        """Change from stand to sleep, or from sleep to hibernation."""
         if self.state == STAND:
             self.sleep_cycles += 1
         self._enter(self.state + 1, now)
 
     def hours(self, now: float, *states: int) -> float:
-        """Hours spent in `states` so far."""
+        """Return the hours spent in `states` so far."""
         running = now - self.began if self.state in states else 0.0
         return (sum(self.seconds[state] for state in states) + running) / 3600
 
@@ -101,17 +94,15 @@ class ToolState:
         self.state, self.began = state, now
 
 
-# -- port ---------------------------------------------------------------------------------------------------------------------
-
 STEP_S = 0.05
-READY_C = 30.0  # a robot begins no joint with a tip that is colder than this below its target
+READY_C = 30.0  # no joint begins while the tip is colder than this below its target
 NO_TOOL = 0
 NO_TOOL_ERROR = 4
 
 
 @dataclass(slots=True)
 class PortSettings:
-    """What a port keeps whatever tool is in it."""
+    """A port's settings for every tool."""
 
     selected_temperature: int
     alarm_high_limit: int | Off
@@ -122,7 +113,7 @@ class PortSettings:
 
 @dataclass(slots=True)
 class Character:
-    """What does not change in a port: how its sensor, its extractor state and its user are."""
+    """Constant properties of a port: sensor, extractor state and user."""
 
     noise_c: float = 0.0
     sensor_error_c: float = 0.0
@@ -141,7 +132,7 @@ def _tool_settings() -> dict[int, ToolSettings]:
 
 @dataclass(slots=True)
 class Port:
-    """A port from `now` (monotonic seconds) on, with tool number `tool` in it."""
+    """A port from `now` (monotonic seconds) on, with tool number `tool`."""
 
     now: float
     tool: int
@@ -176,15 +167,13 @@ class Port:
         self.transistor = WarmPart(60.0, 0.3, self.tip.ambient_c + 10, self.now)
         self.changed()
 
-    # --- what can be done to it, at its present moment
-
     def order(self, state: int, extractor: bool) -> None:
-        """Work, stand or extract, as W-PS orders it."""
+        """Order work, stand or extract, as W-PS does."""
         self.doing.order(state, extractor, self.now)
         self.changed()
 
     def plug(self, tool: int) -> None:
-        """Exchange the tool for a cold one with number `tool`; 0 pulls it out."""
+        """Exchange the tool for a cold one with number `tool`; 0 removes it."""
         self.tool_before, self.tool = self.tool, tool
         self.tip.temperature_c = self.tip.ambient_c
         self._load = None
@@ -192,7 +181,7 @@ class Port:
         self.changed()
 
     def factory_reset(self) -> None:
-        """Every setting as it was when it left the factory."""
+        """Restore factory settings."""
         self.settings, self.tools = _port_settings(), _tool_settings()
         self.stored_c = self.settings.selected_temperature
         self.restart()
@@ -204,7 +193,7 @@ class Port:
         self.order(WORKING, True)
 
     def changed(self) -> None:
-        """Take note of a changed setting, state or tool: what is aimed at, and what is due next."""
+        """Recompute target and next event after a change of setting, state or tool."""
         self._quiet_since = self.now
         delays = self.tools[self.tool]
         self._offset_c = self.character.sensor_error_c - delays.adjust
@@ -215,10 +204,8 @@ class Port:
         state_due = self.doing.due(delays) if self.tool != NO_TOOL else inf
         self._due = min(state_due, self._load.end if self._load else self._next.start)
 
-    # --- what can be seen of it
-
     def temperature(self) -> int:
-        """The tip temperature that the station shows, in °C; 0 without a tool."""
+        """Return the displayed tip temperature in °C; 0 without a tool."""
         if self.stuck_c is not None:
             return self.stuck_c
         if self.tool == NO_TOOL:
@@ -227,28 +214,26 @@ class Port:
 
     @property
     def seen_c(self) -> float:
-        """The tip temperature as the station measures it, without noise."""
+        """The measured tip temperature, without noise."""
         return self.tip.temperature_c + self._offset_c
 
     def power(self) -> int:
-        """The heating power in per mille of the rated power."""
+        """Return the heating power in per mille of the rated power."""
         return round(1000 * self.tip.power_w / self.tip.rated_w)
 
     def port_error(self) -> int:
         return NO_TOOL_ERROR if self.tool == NO_TOOL else self.error
 
     def seconds_to_sleep(self) -> int | None:
-        """Seconds to the next state that comes by itself, None where none does."""
+        """Return the seconds to the next automatic change of state; None for none."""
         due = self.doing.due(self.tools[self.tool])
         return None if due == inf or self.tool == NO_TOOL else max(round(due - self.now), 0)
 
     def transistor_temperature(self) -> float:
         return self.transistor.temperature_c(self.now, self.energy_j)
 
-    # --- time
-
     def advance_to(self, moment: float) -> None:
-        """Let time go on to `moment`; a moment in the past changes nothing."""
+        """Simulate until `moment`; a moment in the past changes nothing."""
         while self.now < moment:
             coarse = self.now + max(STEP_S, (self.now - self._quiet_since) / 4)
             self._step(min(moment, self._due, coarse))
@@ -276,7 +261,7 @@ class Port:
             self.low.see(limit - before, limit - after, seconds, self.now, settings.alarm_low_delay)
 
     def _turn(self) -> None:
-        """Something is due: the next state, or the begin or end of a joint."""
+        """Process the due event: the next state, or the begin or end of a joint."""
         if self.now >= self.doing.due(self.tools[self.tool]):
             self.doing.go_on(self.now)
         elif self._load is not None:
@@ -288,7 +273,7 @@ class Port:
         self.changed()
 
     def _aim_c(self) -> float | None:
-        """The reading that is regulated to; None with the heater off."""
+        """Return the reading to regulate to; None with the heater off."""
         if self.runaway_by_c is not None:
             limit = self.settings.alarm_high_limit
             return (self.settings.selected_temperature if isinstance(limit, Off) else limit) + self.runaway_by_c

@@ -1,4 +1,4 @@
-"""Virtual stations in a process of their own, for as long as a `with` lasts."""
+"""Virtual stations in a separate process, for the duration of a `with`."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ END_S = 5.0
 class SimProcess:
     """Serves the stations of the line file at `line` below `folder`; `line_path` is the line file for a run.
 
-    The process ends with the `with` block, and also when this process dies, whose end its stdin shows it.
-    Raises `UsageError` where the stations cannot be served.
+    The process ends with the `with` block, and also, by the end of its stdin, when this process dies. Raises `UsageError` where the
+    stations cannot be served.
     """
 
     def __init__(self, line: Path, folder: Path, *, tcp: str | None = None, log: Path | None = None) -> None:
@@ -31,7 +31,7 @@ class SimProcess:
 
     @property
     def pid(self) -> int | None:
-        """The number of the serving process, while there is one."""
+        """The id of the serving process, if there is one."""
         return self._process.pid if self._process else None
 
     def __enter__(self) -> Self:
@@ -51,7 +51,7 @@ class SimProcess:
             self._end(process)
 
     def _end(self, process: subprocess.Popen[str]) -> None:
-        """Close its stdin, which ends it; if it does not end, kill it."""
+        """Close its stdin, which ends it; kill it if it does not end."""
         try:
             process.communicate(timeout=END_S)
         except subprocess.TimeoutExpired:
@@ -60,7 +60,7 @@ class SimProcess:
 
 
 def _first_line(process: subprocess.Popen[str]) -> str:
-    """The line that says that all ports are there."""
+    """Read the line that says that all ports exist."""
     if process.stdout is None or process.stderr is None:
         raise UsageError("the virtual stations have no output")
     with selectors.DefaultSelector() as selector:

@@ -1,8 +1,7 @@
-"""Quirks by name: how a station may differ from what is recommended where the manuals contradict themselves.
+"""Quirks by name: how a station may depart from the recommended form where the manuals contradict each other.
 
-``[station.sim] quirks = ["addresses_swapped", "hex_with_0x"]`` in a line file. Each plays the alternative of one row of
-docs/reference/contradictions.md: it hears a question otherwise, says an answer otherwise, puts other
-addresses on it, or begins with other physics. Nothing of the station's values changes by that.
+``[station.sim] quirks = ["addresses_swapped", "hex_with_0x"]`` in a line file. Each is the alternative of one row of
+docs/reference/contradictions.md: it changes requests, answers, addresses or the initial physics, but no values.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ WRONG_FORMAT, OUT_OF_RANGE = 2, 3
 
 
 class Turn(NamedTuple):
-    """A question that was understood, and the characters behind its header."""
+    """An accepted request, and the characters after its header."""
 
     asked: Asked
     text: str
@@ -33,7 +32,7 @@ class Turn(NamedTuple):
 
     @property
     def data(self) -> str:
-        """What a write carries."""
+        """The data of a write."""
         return self.text[len(self.asked.code) :]
 
 
@@ -41,18 +40,18 @@ Addresses = tuple[int | None, int | None]
 """Source and target; both None in a frame without addresses."""
 
 Hear = Callable[[str], str | int]
-"""A question's header, code and data: as the station takes them, or the communication error by which it refuses them."""
+"""Maps a request (header, code, data) to the one that the station processes, or to a communication error."""
 
 Say = Callable[[Turn, str], str | None]
-"""The characters behind the A of an answer as they are said; None is silence."""
+"""Maps the characters after the A of an answer to those that are sent; None is silence."""
 
 
 @dataclass(frozen=True, slots=True)
 class Quirk:
-    """One way to differ; what is None is as recommended. `number` is its B-number.
+    """One departure; a field that is None keeps the recommended form. `number` is its B-number.
 
-    `addresses` gives those of an answer: it is passed the usual ones, the station's own address as it is by then, and
-    whether the answer is the acknowledgement of a change of address.
+    `addresses` returns those of an answer, given the usual ones, the station's present address, and whether the answer
+    acknowledges a change of address.
     """
 
     number: int
@@ -64,11 +63,8 @@ class Quirk:
     refuses_others: bool = False
 
 
-# -- what is said ------------------------------------------------------------------------------------------------------------
-
-
 def _data(change: Callable[[str], str], *commands: str) -> Say:
-    """Say the data field of the answers to the reads of `commands` otherwise."""
+    """Change the data field of the answers to reads of `commands`."""
 
     def say(turn: Turn, text: str) -> str:
         code = turn.asked.code
@@ -91,7 +87,7 @@ def _hex(form: str) -> Callable[[str], str]:
 
 
 def _under(letters: str, other: str, *, acknowledgement: bool) -> Say:
-    """Say the answers under `letters` with `other` letters: the acknowledgements, or the values."""
+    """Send answers under `letters` with `other` letters: the acknowledgements, or the values."""
 
     def say(turn: Turn, text: str) -> str:
         is_acknowledgement = text == turn.asked.code
@@ -108,8 +104,6 @@ def _silence_after_restart(turn: Turn, text: str) -> str | None:
 def _status_with_value(turn: Turn, text: str) -> str:
     return turn.text if turn.name == "status" and text == turn.asked.code else text
 
-
-# -- what is heard -----------------------------------------------------------------------------------------------------------
 
 _ORDERS = re.compile(r"W(STR|STP|RST|RSP|IFE)00000")
 _EXTRACTOR = re.compile(r"WPS\d00010")
@@ -129,9 +123,6 @@ def _no_extractor(question: str) -> str | int:
     return OUT_OF_RANGE if _EXTRACTOR.fullmatch(question) else question
 
 
-# -- whose addresses ---------------------------------------------------------------------------------------------------------
-
-
 def _swapped(usual: Addresses, _own: int | None, _moves: bool) -> Addresses:
     return usual[::-1]
 
@@ -146,11 +137,8 @@ def _from_nowhere(usual: Addresses, _own: int | None, moves: bool) -> Addresses:
     return (None, None) if moves else usual
 
 
-# -- what it begins with -----------------------------------------------------------------------------------------------------
-
-
 class _CountsSeconds(ToolState):
-    """Counts its delays in seconds where others count minutes."""
+    """Counts its delays in seconds instead of minutes."""
 
     __slots__ = ()
 
@@ -159,7 +147,7 @@ class _CountsSeconds(ToolState):
 
 
 class _Staying(Comparator):
-    """Stays latched while the temperature is beyond the limit, whoever reads it."""
+    """Stays latched while the temperature is beyond the limit, even after reading."""
 
     __slots__ = ()
 
@@ -176,13 +164,11 @@ def _delays_in_seconds(face: Face) -> None:
 
 
 def _flags_stay(face: Face) -> None:
-    """Until the tool is exchanged, or the station restarts."""
+    """Keep flags latched until the tool is exchanged, or the station restarts."""
     if isinstance(face, SolderingFace):
         for port in face.plant.ports.values():
             port.high, port.low = _Staying(), _Staying()
 
-
-# -- the table ---------------------------------------------------------------------------------------------------------------
 
 _DELAYS = ("alarm_high_delay", "alarm_low_delay")
 _LIMITS = ("alarm_high_limit", "alarm_low_limit")
@@ -226,7 +212,7 @@ QUIRKS: Mapping[str, Quirk] = MappingProxyType(
 
 
 class Quirks:
-    """All quirks of one station, at once."""
+    """All quirks of one station."""
 
     def __init__(self, names: Sequence[str] = ()) -> None:
         self._quirks = [QUIRKS[name] for name in names]
@@ -239,7 +225,7 @@ class Quirks:
                 quirk.begin(face)
 
     def hear(self, question: str) -> str | int:
-        """The question as the station takes it, or the communication error by which it refuses it."""
+        """Return the request as the station processes it, or the communication error of its refusal."""
         heard: str | int = question
         for quirk in self._quirks:
             if quirk.hear is not None and isinstance(heard, str):
@@ -247,7 +233,7 @@ class Quirks:
         return heard
 
     def say(self, asked: Asked, question: str, text: str) -> str | None:
-        """What stands behind the A of the answer to `question` (code and data); None is silence."""
+        """Return the text after the A of the answer to `question` (code and data); None is silence."""
         said: str | None = text
         for quirk in self._quirks:
             if quirk.say is not None and said is not None:
@@ -255,11 +241,11 @@ class Quirks:
         return said
 
     def refusal(self, text: str) -> str:
-        """What stands behind an N that would be `text`."""
+        """Return the text after the N of a refusal."""
         return text[-5:] if self._bare_refusals else text
 
     def addresses(self, usual: Addresses, own: int | None, *, moves: bool) -> Addresses:
-        """Source and target of an answer; `moves`: it acknowledges a change of address."""
+        """Return source and target of an answer; `moves`: it acknowledges a change of address."""
         for quirk in self._quirks:
             if quirk.addresses is not None:
                 usual = quirk.addresses(usual, own, moves)

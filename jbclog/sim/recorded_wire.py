@@ -1,4 +1,4 @@
-"""What passed over a recorded wire: questions with their answers, and what was believed of them."""
+"""Reads a serial capture as requests with their answers, and tells which answers the session accepted."""
 
 from __future__ import annotations
 
@@ -15,58 +15,55 @@ from jbclog.protocol.commands.robot import READINGS
 from jbclog.protocol.frame import Frame, FrameReader
 from jbclog.protocol.omega import OmegaReader
 
-# -- exchanges ----------------------------------------------------------------------------------------------------------------
-# What passed over a recorded wire as questions, each with what came of it, and the stretches that they fall into.
-#
-# A write changes what the answers after it say. So a tape is divided at its writes: what lies in one *stretch* was answered
-# with the same writes behind it. The same write again, because its answer was lost, begins no new stretch. Nor is the
-# first tick of sampling a write, but a stretch begins there, too: it is where the tape's clock and the client's are set.
+# A write changes later answers. So a capture is divided at its writes into *stretches*: within one, the same writes came before. A
+# write repeated because its answer was lost begins no new stretch. A stretch also begins at the first tick of sampling, where the
+# clocks of capture and client are synchronized.
 
-EARLY_S = 1e-3  # that the first question of a tick may seem to lie before it
-ON_TIME = 0.05  # of a period after its due time, in which a tick's first question is asked where nothing is in its way
+EARLY_S = 1e-3  # tolerance before a tick
+ON_TIME = 0.05  # share of the period in which an undisturbed tick begins
 
 
 class Ticks(NamedTuple):
-    """The grid on which a recorded station was sampled: when its first tick was due, on the recorder's clock, and its period."""
+    """The sampling grid of a recorded station: when its first tick was due, on the recorder's clock, and its period."""
 
     first_s: float
     period_s: float
 
     def is_on_time(self, at_s: float) -> bool:
-        """Whether a moment is that at which a tick was due, or hardly later."""
+        """Whether a tick is due at this time, or slightly earlier."""
         return at_s - self.first_s >= -EARLY_S and (at_s - self.first_s + EARLY_S) % self.period_s < ON_TIME * self.period_s
 
     def number(self, at_s: float) -> int:
-        """How many ticks lie before the one that a moment belongs to."""
+        """Return the number of ticks before the one at this time."""
         return floor((at_s - self.first_s + EARLY_S) / self.period_s)
 
 
 @dataclass(slots=True)
 class Exchange:
-    """One question as it was recorded, and what came of it until the next; seconds count from the question.
+    """One recorded request, and what followed until the next; seconds count from the request.
 
-    `at_s` is when it was asked, on the recorder's clock; `stretch` the number of the stretch that it lies in.
+    `at_s` is its time on the recorder's clock; `stretch` the number of its stretch.
     """
 
     question: bytes
     at_s: float
     stretch: int = 0
     replies: list[tuple[float, bytes]] = field(default_factory=list)
-    lost_s: float | None = None  # when the link was lost after it
+    lost_s: float | None = None  # when the link was lost
     back_s: float = inf
 
     def lost(self, after_s: float) -> None:
-        """The link was lost, or was still away."""
+        """Note that the link was lost, or is still down."""
         self.lost_s, self.back_s = after_s if self.lost_s is None else self.lost_s, inf
 
 
 def is_write(question: bytes) -> bool:
-    """Whether it may change anything at the station."""
+    """Whether it may change anything in the station."""
     return not (frame.only_reads(question) or omega.only_reads(question))
 
 
 class _Stretches:
-    """Numbers exchanges by what came before them. Sampling began at `sampling_s`, where that is known."""
+    """Numbers stretches. Sampling began at `sampling_s`, if known."""
 
     def __init__(self, sampling_s: float | None) -> None:
         self._sampling_s = sampling_s
@@ -84,7 +81,7 @@ class _Stretches:
 
 
 def exchanges(rows: Iterable[CaptureRow], sampling_s: float | None = None) -> Iterator[Exchange]:
-    """The exchanges on a tape, in order. What came before the first question belongs to none."""
+    """Yield the exchanges of a capture, in order. Bytes before the first request are dropped."""
     one, down_since, stretches = None, 0.0, _Stretches(sampling_s)
     for row in rows:
         if not isinstance(row, LinkRow):
@@ -101,19 +98,19 @@ def exchanges(rows: Iterable[CaptureRow], sampling_s: float | None = None) -> It
             one.lost(row.at_s - one.at_s)
             down_since = row.at_s
         elif row.what == "opened" and one.lost_s is not None and one.back_s == inf:
-            one.back_s = (down_since + row.at_s) / 2 - one.at_s  # it came back between the last try that failed and this one
+            one.back_s = (down_since + row.at_s) / 2 - one.at_s  # between the last failed try and this one
     if one is not None:
         yield one
 
 
 @dataclass(slots=True)
 class Contents:
-    """What a tape holds as a whole: its questions, the first of each stretch, and when the last was asked."""
+    """A summary of a capture: its requests, the first of each stretch, and the time of the last."""
 
     known: Counter[bytes] = field(default_factory=Counter)
     firsts: list[bytes] = field(default_factory=list)
     last_s: float = -inf
-    sampled: bytes = b""  # the first question of the first tick; nothing where that is not known
+    sampled: bytes = b""  # the first request of the first tick; empty if not known
 
     @classmethod
     def of(cls, tape: Iterable[Exchange]) -> Contents:
@@ -129,23 +126,20 @@ class Contents:
         return found
 
 
-# -- looks --------------------------------------------------------------------------------------------------------------------
-# A question with its second and third look, and what the recording's session believed of the answers.
-#
-# What is hard to believe is asked again at once (`session.doubt`), and so is what was not understood, with one harmless
-# question in between. Those askings are one group on the tape: the answers bear each other out or contradict each other,
-# and one alone may say what nobody ever believed. A group is given in order or passed over whole, and never split.
+# A doubtful answer is read again at once (`session/run/readings.py`), and so is a garbled one, with a probe in between. These
+# requests form one group: their answers confirm or contradict each other, and a single one may be wrong. A group is replayed
+# in order or skipped as a whole.
 
-LOOK_S = 0.25  # from an answer to the next look at it, at the most: a recorder's host may have been busy
-RETRY_S = 1.0  # the same where nothing was understood: a patience, and another question's answer
-MOST = 9  # three looks, each asked three times; more of the same is no doubt
-BELIEVED_AT_ONCE = 2  # looks of which the last was believed whatever the other said: without doubt, or it was asked a third time
+LOOK_S = 0.25  # from an answer to the next read of its group, at most: the recorder's host may have been busy
+RETRY_S = 1.0  # the same after a garbled answer: a time-out, and a probe's answer
+MOST = 9  # three looks, each with three tries
+BELIEVED_AT_ONCE = 2  # up to so many reads the last answer was accepted: without doubt, or there was a third
 
 CLEARED = tuple(command.letters for command in READINGS if command.effect is Effect.CLEARS)
 
 
 def is_understood(one: Exchange) -> bool:
-    """Whether a good frame came before the next question."""
+    """Whether a correct frame arrived before the next request."""
     heard = said(one)
     if frame.only_reads(one.question):
         return any(isinstance(found, Frame) for found in FrameReader().feed(heard))
@@ -155,20 +149,20 @@ def is_understood(one: Exchange) -> bool:
 
 
 def has_flags(one: Exchange) -> bool:
-    """Whether flags were told that the station holds until they are read, and forgets with that."""
+    """Whether the answer has flags that the station clears when they are read."""
     heard = FrameReader().feed(said(one))
     found = next((answer for answer in heard if isinstance(answer, Frame) and answer.header == "A"), None)
     return found is not None and found.text.startswith(CLEARED) and found.text[3:].strip("0") != ""
 
 
 def said(one: Exchange) -> bytes:
-    """All that came."""
+    """Return all bytes of the answer."""
     return b"".join(data for _, data in one.replies)
 
 
 @dataclass(slots=True)
 class Looks:
-    """The askings of one question that belong together, in order; never empty. `number` counts all questions up to its last."""
+    """The requests of one group, in order; never empty. `number` counts all requests up to its last."""
 
     all: list[Exchange]
     number: int
@@ -191,7 +185,7 @@ class Looks:
         return any(has_flags(one) for one in self.all)
 
     def goes_on_with(self, one: Exchange, number: int) -> bool:
-        """Whether `one` is the next look."""
+        """Whether `one` belongs to this group."""
         last, behind = self.all[-1], number - self.number
         if (one.question, one.stretch) != (self.question, self.stretch) or last.lost_s is not None or len(self.all) == MOST:
             return False
@@ -199,7 +193,7 @@ class Looks:
         return gap_s < LOOK_S if behind == 1 else gap_s < RETRY_S and not self.is_over(number - 1)
 
     def is_over(self, number: int) -> bool:
-        """Whether the question behind that of this number cannot belong to it any more."""
+        """Whether a request after that number cannot belong to this group."""
         return number - self.number >= (1 if self.is_understood else 2)
 
     def add(self, one: Exchange, number: int) -> None:
@@ -207,7 +201,7 @@ class Looks:
         self.number, self.is_understood = number, is_understood(one)
 
     def believed(self, before: Exchange | None) -> Exchange | None:
-        """The answer that was believed in the end, which is that from `before` where none of these was."""
+        """Return the accepted answer, which is `before` where none of these was."""
         last, others = self.all[-1], [said(one) for one in self.all[:-1]]
         if before is None:
             return last if last.replies else None
@@ -218,7 +212,7 @@ class Looks:
 
 
 def looks(tape: Iterable[Exchange], ticks: Ticks | None = None, sampled: bytes = b"") -> Iterator[Looks]:
-    """The groups of a tape, in the order in which they were begun. Ticks begin with the question `sampled`."""
+    """Yield the groups of a capture, by their begin. Ticks begin with the request `sampled`."""
     waiting: list[Looks] = []
     for number, one in enumerate(tape):
         group = next((group for group in waiting if group.goes_on_with(one, number)), None)
@@ -232,5 +226,5 @@ def looks(tape: Iterable[Exchange], ticks: Ticks | None = None, sampled: bytes =
 
 
 def _is_next_tick(ticks: Ticks | None, group: Looks, one: Exchange) -> bool:
-    """Whether a tick begins here, as it does where a station is asked one thing only."""
+    """Whether a tick begins here, which matters where a station has only one signal."""
     return ticks is not None and ticks.is_on_time(one.at_s) and ticks.number(one.at_s) != ticks.number(group.at_s)

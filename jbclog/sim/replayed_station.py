@@ -1,21 +1,20 @@
-"""A recorded station, played from its tape without any I/O: to a question that was asked then, what was answered then.
+"""A recorded station, replayed from its capture without I/O: each request gets its recorded answer.
 
-What came is given as it came, with its delay: whole, in pieces, corrupt, late, twice, or not at all. Where the link was
-lost after a question, it is lost again, for as long. The rules of what is next:
+Answers come as recorded, with their delay: whole, in pieces, corrupt, late, twice, or not at all. Where the link was lost after a
+request, it is lost again, for the same time. The rules:
 
-1. Each question has its own row of answers in the order in which they were recorded, and each asking takes the next: so
-   a client that asks in a slightly other order gets the same values all the same.
-2. Nothing from behind a recorded write is given before that write comes, and nothing from before it afterwards (the
-   stretches of `exchanges`). A write that comes is where the client is, whatever it left out.
-3. The client's clock and the tape's go alike. What a host loses in handing bytes over it gets back with the next answer.
-   An answer well behind the client's time is left out where a later one is nearer, which `left_out` counts: who missed a
-   tick gets the values of the tick that he is at.
-4. A question and its second and third look are one group (`looks`), given in order or left out whole: an answer that the
-   recording contradicts right after is never given without what contradicts it.
-5. Asked once more than then, a question gets what stands at this place of the tape: the answer that was believed. Alarm
-   flags, which a station holds until they are read, are not told twice, nor left out where they were set. `repeated`
-   counts that. Some time behind the tape's end there is silence, and so it is where a question was never recorded, which
-   `strange` counts: nothing is made up.
+1. Each request has its own queue of answers, and each repetition takes the next: so a client with a slightly different order of
+   requests gets the same values.
+2. No answer from after a recorded write is given before that write comes, and none from before it afterwards (the stretches of
+   `exchanges`). A write that comes sets the client's place, whatever it left out.
+3. The clocks of client and capture run alike. Time that a host loses in passing bytes on is subtracted from the next answer. An
+   answer well before the client's time is skipped where a later one is nearer, which `left_out` counts: a client that
+   missed a tick gets the values of its present tick.
+4. A request and its second and third look are one group (`looks`), replayed in order or skipped as a whole: an answer that the
+   recording contradicts right after is never given without the contradiction.
+5. A request repeated more often than recorded gets the accepted answer at this place of the capture, which `repeated` counts. Alarm
+   flags, which a station holds until they are read, are neither given twice nor skipped. After the end of the capture there
+   is silence, and so there is for a request that was never recorded, which `strange` counts: nothing is made up.
 """
 
 from __future__ import annotations
@@ -38,13 +37,13 @@ AGAIN = 3  # times that a question gets its last answer once more where nothing 
 
 
 class TapeStation:
-    """A station that plays `rows`, which are read when they are needed.
+    """A station that replays `rows`, which are read when needed.
 
-    Recorded delays hold what it took to hand bytes over; who serves it on a port, where that is taken again, has each
-    answer begin `early_s` before its time. `ticks` is the grid on which it was sampled, where that is known.
+    Recorded delays include the passing of bytes between programs; where that happens again, on a port, each answer begins
+    `early_s` before its time. `ticks` is the sampling grid, if known.
 
-    `strange` counts what was heard and never recorded, `repeated` the questions that came more often than they were
-    recorded, `left_out` the recorded ones that the client has passed without asking them.
+    `strange` counts requests that were never recorded, `repeated` those that came more often than recorded, `left_out`
+    recorded ones that the client has skipped.
     """
 
     def __init__(
@@ -80,7 +79,7 @@ class TapeStation:
         self._is_in_time = False  # whether these tell the place on the tape
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
-        """What comes back to `data` written at `now`: bytes, each with the moment at which they are there."""
+        """Return the answers to `data` written at `now`: bytes, each with its time of arrival."""
         if self.is_unplugged(now):
             self._heard = b""
             return []
@@ -92,11 +91,11 @@ class TapeStation:
         return any(begin <= now < end for begin, end in self._outages)
 
     def next_plugging(self, now: float) -> float | None:
-        """When `is_unplugged` changes next, as far as is known."""
+        """Return when `is_unplugged` changes next, as far as known."""
         return min((moment for outage in self._outages for moment in outage if now < moment < inf), default=None)
 
     def _questions(self, data: bytes) -> Iterator[bytes]:
-        """The known questions in what has been heard; a piece of one is kept until the rest of it comes."""
+        """Yield the known requests received; part of one is kept until the rest arrives."""
         self._heard += data
         dropped = False
         while self._heard and self._heard not in self._starts:
@@ -119,42 +118,42 @@ class TapeStation:
         return [Reply(now + self._delay_s(delay_s, behind_s), data) for delay_s, data in one.replies]
 
     def _behind_s(self, one: Exchange, now: float) -> float:
-        """How much later than then the client asked, as far as only the handing over of bytes explains it."""
+        """Return by how much later than recorded the client asked, as far as passing bytes explains it."""
         behind_s = self._time(now) - one.at_s if self._offsets else 0.0
         return behind_s if abs(behind_s) <= MADE_GOOD_S else 0.0
 
     def _delay_s(self, delay_s: float, behind_s: float) -> float:
-        """What is left of a recorded delay: the client is to have the answer at its moment, and not still later."""
+        """Return the rest of a recorded delay, so that the client has the answer in time."""
         return max(max(delay_s - behind_s, LEFT * delay_s) - self._early_s, 0.0)
 
     # -- the place on the tape ------------------------------------------------------------------------------------------
 
     def _time(self, now: float) -> float:
-        """The client's time on the tape's clock."""
+        """Convert the client's time to the clock of the capture."""
         return now + median_low(self._tick_offsets or self._offsets)
 
     def _enter(self, question: bytes) -> None:
-        """Go on to the stretch that begins with this question, where it begins one and is not waited for in this one."""
+        """Enter the stretch that begins with this request, unless the present one still has it."""
         found = self._written(question) if is_write(question) else self._sampled(question)
         if found is not None:
             self._begin(found)
 
     def _written(self, question: bytes) -> int | None:
-        """The number of the next stretch that begins with this write; None where it belongs to this one, or to none."""
+        """Return the next stretch that begins with this write; None where it belongs to the present one, or to none."""
         firsts = self._contents.firsts
         if firsts[self._stretch] == question and self._is_waited_for(question):
             return None
         return next((number for number in range(self._stretch + 1, len(firsts)) if firsts[number] == question), None)
 
     def _sampled(self, question: bytes) -> int | None:
-        """The number of the next stretch, where it begins with the first tick and the client has come to that."""
+        """Return the next stretch, if it begins with the first tick and the client has reached that."""
         firsts, number = self._contents.firsts, self._stretch + 1
         if number >= len(firsts) or is_write(firsts[number]) or self._is_waited_for(question):
             return None
         return number if firsts[number] == question or self._again[question] >= AGAIN else None
 
     def _begin(self, stretch: int) -> None:
-        """What lies before this stretch is over."""
+        """Enter a stretch and skip what lies before it."""
         self._stretch = stretch
         self._again.clear()
         for row in self._rows.values():
@@ -171,11 +170,11 @@ class TapeStation:
         self._is_in_time = False  # what is not on a grid takes as long as the host lets it: there only the order counts
 
     def _is_waited_for(self, question: bytes) -> bool:
-        """Whether it comes once more in this stretch."""
+        """Whether the present stretch still has this request."""
         return bool(self._left[question]) or self._reach(question, 1)
 
     def _reach(self, question: bytes, count: int, until_s: float = inf) -> bool:
-        """Read on until so many groups of that question wait, or to a time; never over the end of this stretch."""
+        """Read on until `count` groups of that request are waiting, or to a time, but not beyond this stretch."""
         row = self._rows[question]
         while len(row) < count:
             one = self._ahead
@@ -186,7 +185,7 @@ class TapeStation:
         return True
 
     def _next(self, question: bytes, now: float) -> Exchange | None:
-        """The exchange with that question that is due; None where it is not due yet, or never again in this stretch."""
+        """Return the exchange due for that request; None where it is not due yet, or never again in this stretch."""
         left = self._left[question]
         if left and self._is_at(question, now):
             return left.popleft()
@@ -199,7 +198,7 @@ class TapeStation:
         return self._begin_group(row.popleft())
 
     def _is_at(self, question: bytes, now: float) -> bool:
-        """Whether the client still is at the group that it has begun, and not at the next one."""
+        """Whether the client is still at the present group."""
         if not (self._is_in_time and self._offsets) or self._is_next_look(question, now):
             return True
         time_s, left_s, row = self._time(now), self._left[question][0].at_s, self._rows[question]
@@ -207,13 +206,13 @@ class TapeStation:
         return not (self._reach(question, 1, far_s) and self._is_nearer(time_s, left_s, row[0].at_s))
 
     def _is_next_look(self, question: bytes, now: float) -> bool:
-        """Whether the client asks the same right after it was answered."""
+        """Whether the client repeats the request right after its answer."""
         last = self._last.get(question)
         answered_s = last.replies[-1][0] if last is not None and last.replies else 0.0
         return question == self._asked and now - self._asked_at - answered_s < LOOK_S
 
     def _reach_due(self, question: bytes, now: float) -> bool:
-        """Whether there is a next group, and the client is as far as that."""
+        """Whether there is a next group, and the client has reached it."""
         last, row = self._last.get(question), self._rows[question]
         if last is None or last.stretch != self._stretch:
             return self._reach(question, 1)
@@ -224,7 +223,7 @@ class TapeStation:
         return self._reach(question, 1, far_s) and row[0].at_s <= far_s
 
     def _pass_over(self, row: deque[Looks], question: bytes, now: float) -> None:
-        """Leave out the groups that are behind the client's time."""
+        """Skip the groups before the client's time."""
         time_s = self._time(now)
         while self._reach(question, 2, 2 * time_s - row[0].at_s) and self._is_nearer(time_s, row[0].at_s, row[1].at_s):
             if row[0].has_flags:
@@ -232,13 +231,13 @@ class TapeStation:
             self._leave(deque(row.popleft().all), now)
 
     def _leave(self, left: deque[Exchange], now: float) -> None:
-        """These were passed without being asked."""
+        """Skip these exchanges."""
         while left:
             self.left_out += 1
             self._lose(left.popleft(), now)
 
     def _begin_group(self, group: Looks) -> Exchange:
-        """The first of a group; the others are left to be asked for."""
+        """Return the first of a group; the others wait."""
         question, (first, *others) = group.question, group.all
         self._left[question].extend(others)
         believed = group.believed(self._believed.get(question))
@@ -248,11 +247,11 @@ class TapeStation:
 
     @staticmethod
     def _is_nearer(time_s: float, first_s: float, second_s: float) -> bool:
-        """Whether the second of two moments is meant, and not the first."""
+        """Whether the second of two moments is nearer."""
         return time_s > second_s - NEAR * (second_s - first_s)
 
     def _once_more(self, question: bytes, now: float) -> Exchange:
-        """What stands at this place of the tape."""
+        """Return the answer at this place of the capture."""
         self.repeated[question] += 1
         self._again[question] += 1
         is_over = not self._is_in_time or not self._offsets or self._time(now) > self._contents.last_s + OVER_S
@@ -260,7 +259,7 @@ class TapeStation:
         return silence if is_over and self._again[question] > AGAIN else self._still_said(question, silence)
 
     def _still_said(self, question: bytes, silence: Exchange) -> Exchange:
-        """What was believed; of flags that are cleared by telling what came next, if they were cleared then."""
+        """Return the accepted answer; for flags that reading clears the next one, if they were cleared."""
         one = self._believed.get(question, silence)
         if not has_flags(one) or not self._reach(question, 1):
             return one
@@ -268,13 +267,13 @@ class TapeStation:
         return one if after.has_flags else after.all[-1]
 
     def _go_on(self, one: Exchange, now: float) -> None:
-        """This exchange happens: the place on the tape, and the link, are what they were then."""
+        """Note the exchange: it sets the place in the capture, and the state of the link."""
         self._last[one.question] = one
         self._set_clock(one, one.at_s - now)
         self._lose(one, now)
 
     def _set_clock(self, one: Exchange, offset: float) -> None:
-        """Hold the two clocks against each other: where both are on a grid, by what began ticks at their times."""
+        """Synchronize the clocks, on a grid by requests that began ticks in time."""
         self._offsets.append(offset)
         ticks = self._ticks
         if ticks is None:
@@ -284,6 +283,6 @@ class TapeStation:
             self._is_in_time = True
 
     def _lose(self, one: Exchange, now: float) -> None:
-        """Lose the link where it was lost after this exchange."""
+        """Lose the link if it was lost after this exchange."""
         if one.lost_s is not None:
             self._outages.append((now + one.lost_s, now + one.back_s))

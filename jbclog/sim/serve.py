@@ -1,7 +1,6 @@
-"""Serves virtual stations on their links.
+"""Serves virtual stations on their links, in one thread.
 
-One loop, one thread. What a station says goes out whole at the moment when its last byte would have arrived
-on a real wire.
+An answer is sent whole at the time when its last byte would arrive on a real line.
 """
 
 from __future__ import annotations
@@ -22,15 +21,12 @@ from typing import Protocol
 from jbclog.sim.links import Link, Waiter, exact_timers
 from jbclog.sim.virtual import Reply
 
-# -- wire file ----------------------------------------------------------------------------------------------------------------
-# The wire of all served stations as a file of JSON lines, for tests and for people who look for a fault.
-
 
 class WireFile:
-    """``{"t": 123.4, "station": "dde-1", "kind": "question", "text": "0001RTT1", "hex": "02..."}``.
+    """Logs the bytes of all served stations as JSON lines, for tests and troubleshooting.
 
-    `t` is in monotonic seconds, when the bytes were read or written; `kind` is question, answer, unplugged or
-    plugged; `text` is what is printable of the bytes.
+    ``{"t": 123.4, "station": "dde-1", "kind": "question", "text": "0001RTT1", "hex": "02..."}``: `t` is in monotonic seconds;
+    `kind` is question, answer, unplugged or plugged; `text` has the printable characters.
     """
 
     def __init__(self, path: Path) -> None:
@@ -45,7 +41,7 @@ class WireFile:
 
 
 class NoWireFile(WireFile):
-    """Notes nothing."""
+    """Logs nothing."""
 
     def __init__(self) -> None:
         return
@@ -57,11 +53,8 @@ class NoWireFile(WireFile):
         return
 
 
-# -- serve --------------------------------------------------------------------------------------------------------------------
-
-
 class Servable(Protocol):
-    """A station that is all in this program: virtual, or played from a tape. Moments are monotonic seconds."""
+    """A station inside this program, virtual or recorded. Times are monotonic seconds."""
 
     @property
     def name(self) -> str: ...
@@ -75,14 +68,14 @@ class Servable(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Served:
-    """A station and the link that it is served on."""
+    """A station and its link."""
 
     station: Servable
     link: Link
 
 
 class Server:
-    """Serves until `stop` is called. Opening the links is `open`'s work, so that ready can be told."""
+    """Serves until `stop`. `open` creates the links, so that readiness can be reported."""
 
     def __init__(self, served: Sequence[Served], waiter: Waiter, wire_file: WireFile | None = None) -> None:
         self._served = served
@@ -90,16 +83,16 @@ class Server:
         self._wire_file = wire_file or NoWireFile()
         self._due: list[tuple[float, int, Callable[[], None]]] = []
         self._number = count()
-        self._awaited: set[str] = set()  # stations whose next pulling or plugging in is on the list
+        self._awaited: set[str] = set()  # stations whose next plugging is scheduled
         self._stopped = False
 
     def open(self) -> None:
-        """Make all ports appear."""
+        """Create all ports."""
         for one in self._served:
             self._plug_in(one)
 
     def run(self) -> None:
-        """Serve until `stop`, then make the ports disappear."""
+        """Serve until `stop`, then remove the ports."""
         gc.freeze()
         exact_timers()
         try:
@@ -114,12 +107,12 @@ class Server:
         self._waiter.wake()
 
     def stop_on_signals(self) -> None:
-        """End `run` in good order with SIGINT and SIGTERM."""
+        """End `run` on SIGINT and SIGTERM."""
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: self.stop())
 
     def stop_at_end_of(self, descriptor: int) -> None:
-        """End `run` when whoever writes to `descriptor` is gone."""
+        """End `run` when the writer of `descriptor` is gone."""
         self._waiter.add(descriptor, partial(self._read_to_end, descriptor))
 
     def _read_to_end(self, descriptor: int, _now: float) -> None:
@@ -127,12 +120,12 @@ class Server:
             self._stopped = True
 
     def close(self) -> None:
-        """Make the ports disappear."""
+        """Remove the ports."""
         for one in self._served:
             one.link.pull_out()
 
     def _do_what_is_due(self) -> float | None:
-        """Do it, in order; the seconds until the next, None where nothing is to come."""
+        """Run due calls; return the seconds until the next, None for none."""
         while self._due:
             ahead = self._due[0][0] - monotonic()
             if ahead > 0:
@@ -155,7 +148,7 @@ class Server:
         self._wire_file.note(monotonic(), one.station.name, "answer", data)
 
     def _await_plugging(self, one: Served, now: float) -> None:
-        """Put the next pulling or plugging in on the list, once the station knows of it."""
+        """Schedule the next plugging, if the station has one."""
         moment = one.station.next_plugging(now)
         if moment is not None:
             self._awaited.add(one.station.name)

@@ -1,4 +1,4 @@
-"""From a line file to served virtual stations."""
+"""Sets up virtual stations from a line file."""
 
 from __future__ import annotations
 
@@ -15,19 +15,14 @@ from jbclog.sim.omega import VirtualOmega
 from jbclog.sim.serve import Servable, Served, Server, WireFile
 from jbclog.sim.virtual import VirtualStation
 
-# -- make ---------------------------------------------------------------------------------------------------------------------
-# Which virtual station plays a station of which family.
-
 
 def virtual_station(spec: StationSpec, *, now: float) -> VirtualStation | VirtualOmega:
-    """The virtual station that a line file describes, switched on at `now`. Raises `UsageError` where there is none."""
+    """Return the virtual station that a line file describes, switched on at `now`. Raises `UsageError` where there is none."""
     family = FAMILIES.get(spec.family)
     if family is not None and family.protocol == OMEGA:
         return VirtualOmega(spec, now=now)
     return VirtualStation(spec, now=now)
 
-
-# -- setup --------------------------------------------------------------------------------------------------------------------
 
 SERVED_LINE = "line.toml"
 MOST_PORT = 65535
@@ -46,11 +41,10 @@ def set_up(
     stations: Sequence[Servable] | None = None,
     replay: Replay | None = None,
 ) -> Server:
-    """Make the line's ports appear in `folder` (or on TCP) and write `folder/line.toml`; `run` then serves them.
+    """Create the line's ports in `folder` (or on TCP) and write `folder/line.toml`; `run` then serves them.
 
-    `stations` are what is served, in the line's order; without them the virtual ones that the line describes. `replay` is
-    at which pace, where they are a recorded run.
-    Raises `UsageError` where a station cannot be virtual or a link cannot be made.
+    `stations` are served, in the line's order; by default the virtual ones that the line describes. `replay` is the pace of a
+    recorded run. Raises `UsageError` where a station cannot be virtual or a link cannot be made.
     """
     allow_descriptors(DESCRIPTORS_EACH * len(line.stations) + DESCRIPTORS_BESIDE)
     served_line = folder / SERVED_LINE
@@ -86,7 +80,7 @@ def _make(folder: Path) -> None:
 
 
 def tcp_of(text: str) -> Tcp:
-    """``HOST:PORT``: the stations take this port and the following ones, or any free ones where it is 0."""
+    """Parse ``HOST:PORT``: the stations take this port and the following ones, or any free ones if it is 0."""
     host, colon, port = text.rpartition(":")
     if not colon or not port.isdecimal() or int(port) > MOST_PORT:
         raise UsageError(f"{text} is not HOST:PORT")
@@ -94,14 +88,14 @@ def tcp_of(text: str) -> Tcp:
 
 
 def _served_text(line: Line, urls: Sequence[str], replay: Replay | None) -> str:
-    """The text of a line file like `line` with these urls."""
+    """Format a line file like `line` with these URLs."""
     stations = [(station.model_copy(update={"url": url}), "") for station, url in zip(line.stations, urls, strict=True)]
     by = "sim" if replay is None else "replay"
     return line_text(line.name, stations, f"Virtual stations, made by jbclog {by} from {line.path}", replay)
 
 
 def _url_in(folder: Path, link: Link, replay: Replay | None) -> str:
-    """Beside [replay] it must be seen that nothing but a served station is meant: its path is relative."""
+    """Return a link's URL; in a replay the path is relative, which shows that only a served station is meant."""
     if replay is None or not isinstance(link, PtyLink):
         return link.url
     return str(link.path.relative_to(folder.absolute()))
@@ -113,7 +107,7 @@ def _tcp_links(line: Line, tcp: Tcp, waiter: Waiter) -> list[Link]:
 
 
 def _pty_links(line: Line, folder: Path, waiter: Waiter) -> list[Link]:
-    """A station is linked at its relative url below the folder, one with another url at its name."""
+    """Link a station at its relative URL below the folder, one with another URL at its name."""
     paths = [folder / (station.written_url if station.is_relative else station.name) for station in line.stations]
     for path, station in zip(paths, line.stations, strict=True):
         if paths.count(path) > 1 or path == folder / SERVED_LINE:
@@ -124,7 +118,7 @@ def _pty_links(line: Line, folder: Path, waiter: Waiter) -> list[Link]:
 
 
 def allow_descriptors(wanted: int) -> None:
-    """Raise this process's soft limit of open descriptors to `wanted` as far as the hard one lets it."""
+    """Raise this process's soft limit of open descriptors to `wanted`, as far as the hard limit allows."""
     try:
         import resource
     except ImportError:  # Windows has no such limit

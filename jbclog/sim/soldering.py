@@ -1,4 +1,4 @@
-"""The face of the virtual soldering stations: what they tell, and what a write does to them."""
+"""Virtual soldering stations: the values in their answers, and the effects of writes."""
 
 from __future__ import annotations
 
@@ -17,13 +17,10 @@ from jbclog.protocol.commands.status import EXTRACTOR, STAND, WORKING
 from jbclog.sim.plant import Plant
 from jbclog.sim.port import Port
 
-# -- questions ----------------------------------------------------------------------------------------------------------------
-# The command tables served backwards: which characters behind the header ask for what.
-
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """One question of the table: `code` is the control command on the wire, `port` and `tool` are 0 where it has none."""
+    """One request of the table: `code` is its code, `port` and `tool` are 0 where it has none."""
 
     command: Command
     code: str
@@ -33,7 +30,7 @@ class Asked:
 
 @cache
 def questions(family: str, ports: tuple[int, ...]) -> Mapping[str, Asked]:
-    """All questions by header and code (``RTT1``, ``WA12``) that a station of `family` with these ports knows."""
+    """Return all requests by header and code (``RTT1``, ``WA12``) of a `family` with these ports."""
     return MappingProxyType(dict(_all(FAMILIES[family], ports)))
 
 
@@ -56,15 +53,12 @@ def _places(command: Command, ports: tuple[int, ...], tools: list[int]) -> Itera
             yield from (Asked(command, command.code(port, tool), port, tool) for tool in tools)
 
 
-# -- readings -----------------------------------------------------------------------------------------------------------------
-# What a station tells when it is asked: the value of each command, taken from the physics.
-
-COUNTER_ROOM = 100_000  # counters have five digits and go round; no manual says that they do
+COUNTER_ROOM = 100_000  # counters have five digits and roll over; no manual says so
 
 
 @dataclass(slots=True)
 class Identity:
-    """What a station says of itself."""
+    """A station's identity."""
 
     model: str
     software: str
@@ -73,7 +67,7 @@ class Identity:
 
 
 def value_of(asked: Asked, plant: Plant, identity: Identity, now: float) -> Value:
-    """The value that an answer to `asked` carries; OFF is told as 99999. Reading alarm flags clears them."""
+    """Return the value of an answer to `asked`; OFF is sent as 99999. Reading alarm flags clears them."""
     port = plant.ports.get(asked.port)
     if port is None:
         return _station_value(asked.command.name, plant, identity, now)
@@ -90,7 +84,7 @@ def value_of(asked: Asked, plant: Plant, identity: Identity, now: float) -> Valu
 
 
 def setting(holder: object, name: str) -> Value:
-    """The attribute `name` of some settings; they have slots, so that a foreign name raises."""
+    """Return the setting `name`; the class has slots, so an unknown name raises."""
     value: Value = getattr(holder, name)
     return value
 
@@ -136,11 +130,8 @@ def _station_value(name: str, plant: Plant, identity: Identity, now: float) -> V
     return setting(plant.feeder.settings, name)
 
 
-# -- writings -----------------------------------------------------------------------------------------------------------------
-# What a write does to a station, and which writes it refuses.
-
 WITHOUT_DATA = ("start_feeding", "stop_feeding", "restart", "factory_reset", "ignore_fuse_error")
-"""Orders whose data no manual prints: taken with 00000 and without any (B-37)."""
+"""Orders whose data no manual prints: accepted with 00000 and without any (B-37)."""
 
 ORDERS: dict[tuple[int, ...], tuple[int, bool]] = {WORKING: (0, False), STAND: (1, False), EXTRACTOR: (0, True)}
 """State and extractor of the status words that can be written (manual 002, W-PSx)."""
@@ -150,18 +141,18 @@ _DELAY = re.compile(r"\d\d\.\d\d|99999", re.ASCII)
 
 
 def well_formed(command: Command, data: str) -> bool:
-    """Whether `data` has the form of this command's data, whatever its value."""
+    """Whether `data` has the form of this command's data, whatever the value."""
     form = _DELAY if isinstance(command.quantity, AlarmDelay) else _NUMBER
     return len(data) == 5 and form.fullmatch(data) is not None
 
 
 def is_beyond_inferred(command: Command, value: Value) -> bool:
-    """Whether the value lies where the station's own manual prints nothing, and another does."""
+    """Whether the value exceeds a limit that only another manual prints."""
     return command.inferred is not None and command.inferred.limits.problem(value) is not None
 
 
 def allowed(command: Command, value: Value, family: Family, plant: Plant) -> bool:
-    """Whether the station takes this value: printed limits, and what lies within its own limits."""
+    """Whether the station accepts this value, by printed limits and by its own."""
     if command.limits.problem(value) is not None:
         return False
     limits = plant.settings
@@ -178,7 +169,7 @@ def allowed(command: Command, value: Value, family: Family, plant: Plant) -> boo
 
 
 def apply(asked: Asked, value: Value, plant: Plant, now: float) -> None:
-    """Let the physics know of an accepted write to a port, a tool, the feeder or the station's limits."""
+    """Apply an accepted write to a port, a tool, the feeder or the station's limits."""
     plant.advance_to(now)
     command, port = asked.command, plant.ports.get(asked.port)
     if port is None:
@@ -191,7 +182,7 @@ def apply(asked: Asked, value: Value, plant: Plant, now: float) -> None:
 
 
 def set_value(holder: object, name: str, value: Value) -> None:
-    """Set the attribute `name` of some settings; they have slots, so that a foreign name raises."""
+    """Set the setting `name`; the class has slots, so an unknown name raises."""
     setattr(holder, name, value)
 
 
@@ -213,51 +204,44 @@ def _apply_to_station(name: str, value: Value, plant: Plant, now: float) -> None
         case "maximum_temperature" | "minimum_temperature":
             set_value(plant.settings, name, value)
         case "restart" | "address" | "ignore_fuse_error":
-            return  # the device's own business
+            return  # handled by the device
         case _:
             set_value(plant.feeder.settings, name, value)
 
 
-# -- face ---------------------------------------------------------------------------------------------------------------------
-# The seam between the wire and the physics: what a device asks of one kind of station, whatever it is the station for.
-#
-# `soldering.py` has the soldering stations' face, `hotair.py` that of hot air. The command tables are the client's own.
-
 
 class Face(Protocol):
-    """One kind of station as its command table sees it. Times are monotonic seconds, `port` is 0 for the station itself."""
+    """The physics of one kind of station, for the device. Times are monotonic seconds, `port` is 0 for the station itself."""
 
     @property
     def ports(self) -> Collection[int]:
-        """The ports that there are."""
+        """The existing ports."""
 
     def advance_to(self, moment: float) -> None:
-        """Let time go on in the physics."""
+        """Simulate until `moment`."""
 
     def value_of(self, asked: Asked, identity: Identity, now: float) -> Value:
-        """The value that an answer to `asked` carries; OFF is told as 99999."""
+        """Return the value of an answer to `asked`; OFF is sent as 99999."""
 
     def allowed(self, command: Command, value: Value) -> bool:
-        """Whether the station takes this value of a well-formed write."""
+        """Whether the station accepts this value of a well-formed write."""
 
     def apply(self, asked: Asked, value: Value, now: float) -> None:
-        """Let the physics know of an accepted write."""
+        """Apply an accepted write."""
 
     def restart(self, now: float) -> None:
-        """Lose what is volatile, as after the mains switch."""
+        """Lose volatile values, as after a power cycle."""
 
     def keep(self) -> None:
-        """Take the settings as they are for those that a restart comes back to."""
+        """Store the present settings, so that a restart keeps them."""
 
     def strike(self, fault: FaultSpec, port: int, *, begins: bool) -> None:
-        """Let a fault of the physics (``stuck``, ``overheat``, ``tool``) begin or end on `port`."""
+        """Begin or end a fault of the physics (``stuck``, ``overheat``, ``tool``) on `port`."""
 
-
-# -- soldering ----------------------------------------------------------------------------------------------------------------
 
 
 class SolderingFace:
-    """A soldering station of `family` as its command table sees it. `strict`: it holds the limits that are only inferred, too."""
+    """A soldering station of `family`. `strict`: it also enforces inferred limits."""
 
     def __init__(self, family: Family, plant: Plant, *, strict: bool = False) -> None:
         self.family = family

@@ -1,9 +1,8 @@
 """The heated tip of a virtual tool, and the joints that cool it.
 
-One heat capacity loses heat to the air and, in a joint, to the work. The regulator is proportional and
-integral with a limited output, so that in a joint the tip dips, the power rises, and the integral part
-brings the tip back. Each step is the exact exponential of its regime (heater full, regulating, or off), so
-steps may be as coarse as a joint lasts.
+One heat capacity loses heat to the air and, in a joint, to the work. A proportional and integral regulator with limited output
+makes the tip dip in a joint, the power rise, and the integral part bring the tip back. Each step is the exact exponential of
+its regime (heater full, regulating, or off), so steps may be as long as a joint.
 """
 
 from __future__ import annotations
@@ -14,20 +13,17 @@ from random import Random
 
 from jbclog.core.quantities import Off
 
-# -- joints -------------------------------------------------------------------------------------------------------------------
-# The schedule of solder joints: when each begins, how long it takes, how much heat it draws.
-#
-# Joints follow each other evenly, scattered a little by the seed; the n-th joint is the same whenever it is
-# asked for, so that a run can be repeated.
+# Joints follow each other evenly, scattered a little by the seed; the n-th joint is always the same, so that a run can be
+# repeated.
 
 LOAD_W_PER_K = 0.35
-LOAD_C = 150.0  # solder and pad while they are being heated
-MOST_OF_PERIOD = 0.6  # a joint never lasts longer than this share of the time between two
+LOAD_C = 150.0  # of solder and pad while being heated
+MOST_OF_PERIOD = 0.6  # maximum duration of a joint, as a share of the time between two
 
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """One joint: its begin and end in seconds, and the heat it draws in W/K."""
+    """One joint: begin and end in seconds, and its heat draw in W/K."""
 
     start: float
     end: float
@@ -49,7 +45,7 @@ class Joints:
         self._origin = origin
 
     def after(self, moment: float) -> Joint:
-        """The first joint that begins after `moment`."""
+        """Return the first joint that begins after `moment`."""
         if self._period == inf:
             return NEVER
         number = max(ceil((moment - self._origin) / self._period) - 1, 0)
@@ -63,19 +59,17 @@ class Joints:
         return Joint(start, start + self._seconds * (0.85 + 0.15 * scatter.random()), LOAD_W_PER_K * (0.8 + 0.4 * scatter.random()))
 
 
-# -- parts --------------------------------------------------------------------------------------------------------------------
-# Small parts of a station: alarm comparators, and parts that the power warms with a lag. Physics only.
 
 
 @dataclass(slots=True)
 class Comparator:
-    """Latches when a temperature has been beyond its limit for longer than the delay, until it is taken."""
+    """Latches when a temperature was beyond its limit for longer than the delay, until `take`."""
 
     since: float | None = None
     latched: bool = False
 
     def see(self, before_k: float, after_k: float, seconds: float, now: float, delay_s: float | Off) -> None:
-        """See how far beyond the limit the temperature was `seconds` ago and is `now` (negative: within)."""
+        """Process how far beyond the limit the temperature was `seconds` ago and is `now` (negative: within)."""
         if after_k <= 0:
             self.since = None
             return
@@ -86,7 +80,7 @@ class Comparator:
             self.latched = True
 
     def take(self) -> bool:
-        """Whether it has latched since it was last taken."""
+        """Return and clear the latch."""
         was, self.latched = self.latched, False
         return was
 
@@ -103,7 +97,7 @@ class WarmPart:
     energy_j: float = 0.0
 
     def temperature_c(self, now: float, energy_j: float) -> float:
-        """Its temperature now, given all the energy that has gone through it so far."""
+        """Return its temperature, given the total energy so far."""
         seconds = now - self.at
         if seconds > 0:
             end = (energy_j - self.energy_j) / seconds * self.kelvin_per_w
@@ -112,17 +106,15 @@ class WarmPart:
         return self.idle_c + self.rise_k
 
 
-# -- tip ----------------------------------------------------------------------------------------------------------------------
-
-CAPACITY_J_PER_K = 1.2  # 25 to 350 °C in about three seconds at 130 W, as a cartridge of that size does
+CAPACITY_J_PER_K = 1.2  # 25 to 350 °C in about three seconds at 130 W, as a cartridge of that size
 LOSS_W_PER_K = 0.03  # 10 W hold 350 °C
 GAIN_W_PER_K = 2.5
 INTEGRAL_S = 1.0
-UNWINDING_S = 0.2  # the integral part falls faster than it rises, against overshoot
+UNWINDING_S = 0.2  # the integral part falls faster than it rises, to limit overshoot
 
 
 class Tip:
-    """Temperature and heating power of one tip; `step` lets time go on."""
+    """Temperature and heating power of one tip; `step` simulates."""
 
     __slots__ = ("ambient_c", "integral_w", "power_w", "rated_w", "temperature_c")
 
@@ -134,7 +126,7 @@ class Tip:
         self.power_w = 0.0
 
     def step(self, seconds: float, target_c: float | None, load_w_per_k: float, load_c: float) -> None:
-        """Go on by `seconds` towards `target_c` (None: heater off) with a joint of `load_w_per_k` at `load_c`."""
+        """Simulate `seconds` towards `target_c` (None: heater off) with a joint of `load_w_per_k` at `load_c`."""
         loss = LOSS_W_PER_K + load_w_per_k
         sink_w = LOSS_W_PER_K * self.ambient_c + load_w_per_k * load_c
         if target_c is None:
@@ -146,12 +138,12 @@ class Tip:
                 self._regulate(seconds, target_c, sink_w, loss)
 
     def _drift(self, seconds: float, inflow_w: float, loss: float) -> None:
-        """Relax towards the temperature at which `inflow_w` and the loss are equal."""
+        """Relax towards the temperature at which `inflow_w` equals the loss."""
         end = inflow_w / loss
         self.temperature_c = end + (self.temperature_c - end) * exp(-seconds * loss / CAPACITY_J_PER_K)
 
     def _leave_limit(self, seconds: float, target_c: float, sink_w: float, loss: float) -> float:
-        """While the regulator asks for more than all or less than nothing, give it that; what is left of `seconds`."""
+        """Simulate as long as the regulator's output is limited; return the remaining seconds."""
         asked_w = self.integral_w + GAIN_W_PER_K * (target_c - self.temperature_c)
         if 0.0 <= asked_w <= self.rated_w:
             return seconds
@@ -164,7 +156,7 @@ class Tip:
         return seconds - until_edge
 
     def _regulate(self, seconds: float, target_c: float, sink_w: float, loss: float) -> None:
-        """Regulate within the limits: the integral part goes towards what holds the target."""
+        """Regulate within the limits: the integral part approaches the power that holds the target."""
         holding_w = min(max(loss * target_c - sink_w, 0.0), self.rated_w)
         lag = UNWINDING_S if self.integral_w > holding_w else INTEGRAL_S
         before_w = self.integral_w

@@ -1,11 +1,11 @@
-"""A whole virtual station without I/O, built of what its line file says.
+"""A whole virtual station without I/O, as described in a line file.
 
-Put together here: the wire's pace, the frame reader, the device with the physics behind it, and the faults
-in front of it. `serve.py` puts it behind a pseudo-terminal or a TCP port; a test calls it itself::
+It combines line timing, frame reader, device, physics and faults. `serve.py` serves it on a pseudo-terminal or a TCP port; a
+test calls it directly::
 
     station = VirtualStation(spec, now=clock.monotonic())
     for reply in station.receive(question, clock.monotonic()):
-        ...  # reply.data has arrived whole at reply.at, and not before
+        ...  # reply.data has arrived whole at reply.at
 """
 
 from __future__ import annotations
@@ -36,16 +36,13 @@ from jbclog.sim.quirks import QUIRKS, Quirks
 from jbclog.sim.soldering import Asked, Face, Identity, SolderingFace
 from jbclog.sim.tip import Joints, Tip
 
-# -- build --------------------------------------------------------------------------------------------------------------------
-# Builds the physics and the device of a station from what its line file says.
-
-MODELS = {"soldering": "DDR", "ucr": "UCR245"}  # elsewhere the family's name is the model's
+MODELS = {"soldering": "DDR", "ucr": "UCR245"}  # elsewhere the model has the family's name
 PORTS_IF_UNPRINTED = (1, 2)
 TIP_W, HOT_AIR_W = 130.0, 900.0
 
 
 def family_for(spec: StationSpec) -> Family:
-    """The family that a virtual station of this description has; ``auto`` goes by the model that it tells."""
+    """Return the family of a virtual station; ``auto`` goes by its model."""
     name = spec.sim.family if spec.sim and spec.sim.family else spec.family
     told = spec.sim.model if spec.sim else None
     family = FAMILIES.get(name) if name != AUTO else family_of(told or "")
@@ -55,7 +52,7 @@ def family_for(spec: StationSpec) -> Family:
 
 
 def build_device(spec: StationSpec, now: float, seed: int) -> Device:
-    """The device of a station that is switched on at `now`."""
+    """Build the device of a station that is switched on at `now`."""
     sim = spec.sim or SimSpec()
     family = family_for(spec)
     model = sim.model or spec.model or MODELS.get(family.name, family.name.upper())
@@ -76,7 +73,7 @@ def _face(sim: SimSpec, family: Family, ports: tuple[int, ...], model: str, now:
 
 
 def _check_names(station: str, sim: SimSpec, family: Family, face: Face) -> None:
-    """A counter, a command or a port that is not there would silently do nothing."""
+    """Refuse a counter, command or port that does not exist, and would silently have no effect."""
     counters = {counter.command for counter in (*family.counters, *DISPENSING_COUNTERS)} & set(family.commands)
     wrong = [f"counters: {name}" for name in sim.counters if name not in counters]
     wrong += [f"tools: {port}" for port in sim.tools if port not in face.ports]
@@ -115,7 +112,7 @@ def _port(sim: SimSpec, number: int, now: float, seed: int, on_joint: Callable[[
 
 
 def _begin_with(device: Device, station: str, name: str, told: int | float | str, now: float) -> None:
-    """Let the station begin with a setting, on all of its ports and tools."""
+    """Apply an initial setting on all ports and tools."""
     command = device.family.commands.get(name)
     value = _value(device, name, told)
     if command is None or "rw" not in command.access or not device.face.allowed(command, value):
@@ -136,21 +133,19 @@ def _value(device: Device, name: str, told: int | float | str) -> Value:
     return OFF if told == "off" and name.endswith("_delay") else told
 
 
-# -- virtual ------------------------------------------------------------------------------------------------------------------
-
-KNOWN_QUESTIONS = 512  # what is asked is asked again: as many whole frames are remembered
+KNOWN_QUESTIONS = 512  # cached requests; the same ones recur
 MOVED: Answer = ("A", "SAD")  # the acknowledgement of a change of address
 
 
 class Reply(NamedTuple):
-    """Bytes of the station; the last of them arrives at `at` (monotonic seconds)."""
+    """Bytes of the station; the last one arrives at `at` (monotonic seconds)."""
 
     at: float
     data: bytes
 
 
 class Pace:
-    """When characters are through a wire that carries one after the other. Both directions at once."""
+    """Transmission times on a full-duplex line that carries one character after the other."""
 
     __slots__ = ("_character_s", "_heard", "_said", "_turnaround_s")
 
@@ -160,18 +155,18 @@ class Pace:
         self._heard = self._said = float("-inf")
 
     def heard(self, characters: int, now: float) -> float:
-        """When the station has the last of `characters` that were written at `now`."""
+        """Return when the station has received the last of `characters` written at `now`."""
         self._heard = max(self._heard, now) + characters * self._character_s
         return self._heard
 
     def said(self, characters: int, after: float) -> float:
-        """When the last of `characters` has arrived that the station sets out to say at `after`."""
+        """Return when the last of `characters` has arrived that the station starts to send at `after`."""
         self._said = max(self._said, after + self._turnaround_s) + characters * self._character_s
         return self._said
 
 
 class VirtualStation:
-    """One station, switched on at `now`. `log` is its own memory of the wire, `plant` the physics of a soldering station."""
+    """One station, switched on at `now`. `log` is its own log, `plant` the physics of a soldering station."""
 
     def __init__(self, spec: StationSpec, *, now: float, seed: int | None = None) -> None:
         sim = spec.sim or SimSpec()
@@ -182,7 +177,7 @@ class VirtualStation:
         self.faults = Tape(sim.fault, self.seed)
         self._pace = Pace(line.character_s if sim.wire else 0.0, sim.turnaround_ms / 1000)
         self._reader = FrameReader()
-        self._whole = True  # whether the reader holds nothing
+        self._whole = True  # the reader holds no partial frame
         self._known: dict[bytes, Frame] = {}
 
     @property
@@ -198,21 +193,21 @@ class VirtualStation:
         return face.plant
 
     def is_unplugged(self, now: float) -> bool:
-        """Whether the cable is out: there is no port to write to or read from."""
+        """Whether the cable is disconnected: there is no port."""
         return self.faults.unplugged(now)
 
     def next_plugging(self, now: float) -> float | None:
-        """When `is_unplugged` changes next, as far as is known."""
+        """Return when `is_unplugged` changes next, as far as known."""
         return self.faults.next_plugging(now)
 
     def advance_to(self, moment: float) -> None:
-        """Let the physics, with the faults in it, go on without any question."""
+        """Simulate physics and faults without a request."""
         for change in self.faults.changes(moment):
             happen(change, self.device)
         self.device.face.advance_to(moment)
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
-        """What the station says to bytes that were written to its port at `now`."""
+        """Return the answers to bytes written to its port at `now`."""
         if self.is_unplugged(now):
             return []
         heard = self._pace.heard(len(data), now)
@@ -220,7 +215,7 @@ class VirtualStation:
         return [reply for reply in replies if reply is not None]
 
     def _frames(self, data: bytes) -> Sequence[Frame | CorruptFrame]:
-        """The frames in `data`; a chunk that is one whole known question is not taken apart again."""
+        """Parse the frames in `data`; a chunk that is a cached request is not parsed again."""
         known = self._known.get(data)
         if known is not None and self._whole:
             return (known,)
@@ -232,7 +227,7 @@ class VirtualStation:
         return found
 
     def _reply(self, found: Frame | CorruptFrame, heard: float) -> Reply | None:
-        """The reply to one frame; None where there is silence: another's address, the other framing, a restart."""
+        """Reply to one frame; None is silence: another address, other framing, a restart."""
         frame = found if isinstance(found, Frame) else _remains(found.raw)
         if frame.target != self.device.identity.address:
             return self._refuse_other(frame, heard) if self.device.quirks.refuses_others else None
@@ -257,7 +252,7 @@ class VirtualStation:
         return None if answer is None else self._send(self._addressed(answer, frame), struck, heard)
 
     def _addressed(self, answer: Answer, question: Frame) -> bytes:
-        """The bytes of an answer; the station that was asked is its source (docs/reference/contradictions.md, B-6)."""
+        """Encode an answer; the addressed station is its source (docs/reference/contradictions.md, B-6)."""
         usual, own = (question.target, question.source), self.device.identity.address
         return _encoded(*answer, *self.device.quirks.addresses(usual, own, moves=answer == MOVED))
 
@@ -268,7 +263,7 @@ class VirtualStation:
             happen(change, self.device)
 
     def _send(self, clean: bytes, struck: list[FaultSpec], heard: float) -> Reply | None:
-        """Put an answer on the wire, as the faults that strike it leave it."""
+        """Send an answer, after applying its faults."""
         sent, late_s = self.faults.spoil(clean, struck) if struck else (clean, 0.0)
         if struck:
             self.log.struck.extend(Struck(heard, fault.kind, clean, sent) for fault in struck)
@@ -280,7 +275,7 @@ class VirtualStation:
 
 @lru_cache(maxsize=4096)
 def _encoded(header: str, text: str, source: int | None, target: int | None) -> bytes:
-    """The bytes of a frame; stations say the same things over and over."""
+    """Encode a frame, cached, because stations repeat themselves."""
     return Frame(header, text, source, target).encode()
 
 
@@ -289,7 +284,7 @@ def _why_corrupt(raw: bytes) -> int:
 
 
 def _remains(raw: bytes) -> Frame:
-    """What can be told of a corrupt question: its addresses and its text, as far as they are there."""
+    """Return addresses and text of a corrupt request, as far as possible."""
     text = raw[1:-2].decode("ascii")
     addresses = text[:4]
     if len(addresses) == 4 and addresses.isdigit():
