@@ -26,8 +26,8 @@ from jbclog.record.manifest import NAME, Lost, Manifest, read_manifest
 from jbclog.record.schema import TABLES
 from jbclog.session.run.context import AS_FAST_AS_POSSIBLE, SessionContext
 from jbclog.session.run.station_run import run_station
-from jbclog.sim.recorded_wire import Ticks
-from jbclog.sim.replayed_station import TapeStation
+from jbclog.sim.recorded_exchanges import RecordedGrid
+from jbclog.sim.replayed_station import ReplayedStation
 from jbclog.sim.serve import Server
 from jbclog.sim.setup import Tcp, set_up
 from jbclog.sim.virtual import Reply
@@ -62,12 +62,12 @@ class Recording:
     def recipe_path(self, station: str) -> Path:
         return recipe_copy(self.folder, self.heads[station].recipe)
 
-    def ticks(self, station: str) -> Ticks | None:
+    def ticks(self, station: str) -> RecordedGrid | None:
         """The grid on which a station was sampled, on the recorder's clock. None where that is not known, or there was none."""
         facts = self.facts.get(station)
         if facts is None or facts.first_tick is None or facts.period_s is None or self.line.replay is not None:
             return None
-        return Ticks(self.heads[station].t0_mono + facts.first_tick * facts.period_s, facts.period_s)
+        return RecordedGrid(self.heads[station].t0_mono + facts.first_tick * facts.period_s, facts.period_s)
 
     @property
     def facts(self) -> Mapping[str, StationFacts]:
@@ -296,7 +296,7 @@ class _Life:
         self._context = context
         self._tape = partial(recording.tape, context.name)
         self._ticks = recording.ticks(context.name)
-        self._station: TapeStation | None = None
+        self._station: ReplayedStation | None = None
 
     def steps(self) -> Steps[object]:
         return replayed(run_station(self._context), replay_steps(self._tape()), self._left)
@@ -313,7 +313,7 @@ class _Life:
             self._context.journal = NoJournal()  # what a session does that is given up was not recorded
             return inf, ""
         rest = partial(self._tape, astray.step.place)
-        self._station = TapeStation(self.name, rest, ticks=self._ticks)
+        self._station = ReplayedStation(self.name, rest, ticks=self._ticks)
         return _end(rest())
 
 
@@ -332,7 +332,7 @@ def _end(rows: Iterable[CaptureRow]) -> tuple[float, str]:
 HANDING_S = 0.0003  # time to pass bytes to another program and back through a pseudo-terminal, in addition to the recorded time
 
 
-def serve(recording: Recording, folder: Path, tcp: Tcp | None = None) -> tuple[Server, list[TapeStation]]:
+def serve(recording: Recording, folder: Path, tcp: Tcp | None = None) -> tuple[Server, list[ReplayedStation]]:
     """Create ports in `folder` (or on TCP) behind which the recorded stations answer as they did.
 
     The line file in `folder` names the recipes of the run and the rates that it chose. Raises `UsageError` where a link cannot be
@@ -344,9 +344,9 @@ def serve(recording: Recording, folder: Path, tcp: Tcp | None = None) -> tuple[S
     return set_up(line, folder, tcp, stations=stations, replay=recording.replay), stations
 
 
-def station_of(recording: Recording, name: str, early_s: float = 0.0) -> TapeStation:
+def station_of(recording: Recording, name: str, early_s: float = 0.0) -> ReplayedStation:
     """Return the recorded station of that name."""
-    return TapeStation(name, partial(recording.exchanges, name), early_s, recording.ticks(name))
+    return ReplayedStation(name, partial(recording.exchanges, name), early_s, recording.ticks(name))
 
 
 def _served(recording: Recording, spec: StationSpec) -> StationSpec:

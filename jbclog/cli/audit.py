@@ -163,7 +163,7 @@ def _audited(lines: Sequence[Line], ledger: Path, tasks: Sequence[Task], fail_on
         looking.stop()
 
     with Signals((signal.SIGINT, signal.SIGTERM)) as signals:
-        signals.tell(stop)
+        signals.notify(stop)
         if is_terminal():
             note(f"asking {sum(len(one.stations) for one in lines)} stations, {AT_ONCE} at a time")
         audited = audit_lines(lines, ledger, looking, _note_unseen, runs)

@@ -88,7 +88,7 @@ def _carry_out(executor: BatchExecutor, shown: Lines | Screen) -> int:
     from jbclog.transport.event_loop import Signals
 
     with Signals(heard(), stay_ignored=True) as signals:
-        signals.tell(executor.interrupt)
+        signals.notify(executor.interrupt)
         try:
             return executor.work().value
         finally:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from jbclog.app.replay import Again, Held, Recording
     from jbclog.core.rows import EventRow
     from jbclog.session.run.context import SessionContext
-    from jbclog.sim.replayed_station import TapeStation
+    from jbclog.sim.replayed_station import ReplayedStation
     from jbclog.transport.session_history import Divergence
 
 SERVED_IN = Path("replayed")
@@ -119,7 +119,7 @@ def _command(recording: Recording, line: Path) -> list[str]:
     return words + ["--allow-omega-write"] * plan.wanted.allow_omega_write + ["--allow-missing"] * plan.wanted.allow_missing
 
 
-def _tell_misses(station: TapeStation) -> None:
+def _tell_misses(station: ReplayedStation) -> None:
     if station.strange:
         note(f"{station.name}: {station.strange} times it was asked what the recording does not have; it was silent")
     if again := sum(station.repeated.values()):

@@ -12,7 +12,7 @@ from jbclog.cli.output import ends_with_errors_told, note, tell
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.sim.serve import WireFile
+    from jbclog.sim.serve import ByteLog
 
 
 @ends_with_errors_told
@@ -47,14 +47,14 @@ def sim(
     wire_file.close()
 
 
-def _wire_file(log: Path | None) -> WireFile:
-    from jbclog.sim.serve import NoWireFile, WireFile
+def _wire_file(log: Path | None) -> ByteLog:
+    from jbclog.sim.serve import ByteLog, NoByteLog
 
     expect_file_place("--log", log)
     if log is None:
-        return NoWireFile()
+        return NoByteLog()
     try:
-        return WireFile(log)
+        return ByteLog(log)
     except (OSError, ValueError) as error:
         raise UsageError(f"--log {log}: cannot be written ({getattr(error, 'strerror', None) or error})") from error
 

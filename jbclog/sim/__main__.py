@@ -12,7 +12,7 @@ from pathlib import Path
 
 from jbclog.config.line import load_line
 from jbclog.core.errors import UsageError
-from jbclog.sim.serve import NoWireFile, WireFile
+from jbclog.sim.serve import ByteLog, NoByteLog
 from jbclog.sim.setup import SERVED_LINE, set_up, tcp_of
 
 
@@ -24,7 +24,7 @@ def main() -> int:
     parser.add_argument("--log", type=Path)
     parser.add_argument("--until-eof", action="store_true")
     options = parser.parse_args()
-    wire_file = WireFile(options.log) if options.log else NoWireFile()
+    wire_file = ByteLog(options.log) if options.log else NoByteLog()
     try:
         tcp = tcp_of(options.tcp) if options.tcp else None
         server = set_up(load_line(options.line), options.dir, tcp, wire_file)

@@ -13,10 +13,10 @@ from typing import NamedTuple
 from jbclog.core.quantities import OFF, OFF_ON_WIRE, Value
 from jbclog.protocol.commands.family import Family
 from jbclog.sim.quirks import Quirks
-from jbclog.sim.soldering import WITHOUT_DATA, Asked, Face, Identity, questions, well_formed
+from jbclog.sim.soldering import WITHOUT_DATA, Identity, StationModel, TableRequest, questions, well_formed
 
 
-class Written(NamedTuple):
+class AcceptedWrite(NamedTuple):
     """A write that the station accepted; `at` in monotonic seconds, `port` and `tool` 0 where it has none."""
 
     at: float
@@ -26,7 +26,7 @@ class Written(NamedTuple):
     value: Value
 
 
-class Refused(NamedTuple):
+class RefusedRequest(NamedTuple):
     """A question that the station refused with communication error `code`."""
 
     at: float
@@ -34,7 +34,7 @@ class Refused(NamedTuple):
     code: int
 
 
-class Struck(NamedTuple):
+class FaultyAnswer(NamedTuple):
     """An answer changed by a fault: as it would have been sent, and as it was."""
 
     at: float
@@ -44,15 +44,15 @@ class Struck(NamedTuple):
 
 
 @dataclass(slots=True)
-class WireLog:
+class StationLog:
     """What a station received and sent, in order, for tests. `reads` counts those that were answered."""
 
     reads: int = 0
-    writes: list[Written] = field(default_factory=list)
-    refused: list[Refused] = field(default_factory=list)
-    struck: list[Struck] = field(default_factory=list)
+    writes: list[AcceptedWrite] = field(default_factory=list)
+    refused: list[RefusedRequest] = field(default_factory=list)
+    struck: list[FaultyAnswer] = field(default_factory=list)
 
-    def written(self, name: str) -> list[Written]:
+    def written(self, name: str) -> list[AcceptedWrite]:
         """Return the accepted writes of one command."""
         return [write for write in self.writes if write.name == name]
 
@@ -67,16 +67,16 @@ Answer = tuple[str, str]
 class Device:
     """One station: headers and texts in and out, without addresses and check bytes."""
 
-    def __init__(self, family: Family, face: Face, identity: Identity, quirks: Quirks | None = None) -> None:
+    def __init__(self, family: Family, face: StationModel, identity: Identity, quirks: Quirks | None = None) -> None:
         self.family = family
         self.quirks = quirks or Quirks()
         self.face = face
         self.identity = identity
-        self.log = WireLog()
+        self.log = StationLog()
         self._silent_until = float("-inf")
         self._questions = questions(family.name, tuple(face.ports))
 
-    def asked(self, header: str, text: str) -> Asked | None:
+    def asked(self, header: str, text: str) -> TableRequest | None:
         """Look up a request; None where the table does not have it."""
         return self._questions.get(header + (text if header == "R" else text[:3]))
 
@@ -98,13 +98,13 @@ class Device:
         answer = self._read(asked, now) if header == "R" else self._write(asked, text[3:], now)
         return answer if answer[0] == "N" else self._said(asked, text, answer[1])
 
-    def _said(self, asked: Asked, question: str, text: str) -> Answer | None:
+    def _said(self, asked: TableRequest, question: str, text: str) -> Answer | None:
         said = self.quirks.say(asked, question, text)
         return None if said is None else ("A", said)
 
     def refuse(self, text: str, code: int, now: float) -> Answer:
         """Refuse with N and communication error `code`."""
-        self.log.refused.append(Refused(now, text, code))
+        self.log.refused.append(RefusedRequest(now, text, code))
         return "N", self.quirks.refusal(f"{text[:3]}{code:05d}")
 
     def restart(self, now: float, silent_s: float = BOOT_S) -> None:
@@ -116,12 +116,12 @@ class Device:
         read_with_data = header == "R" and "R" + text[:3] in self._questions
         return WRONG_FORMAT if read_with_data or header not in ("R", "W") else UNKNOWN_COMMAND
 
-    def _read(self, asked: Asked, now: float) -> Answer:
+    def _read(self, asked: TableRequest, now: float) -> Answer:
         value = self.face.value_of(asked, self.identity, now)
         self.log.reads += 1
         return "A", asked.code + (OFF_ON_WIRE if value is OFF else asked.command.quantity.encode(value))
 
-    def _write(self, asked: Asked, data: str, now: float) -> Answer:
+    def _write(self, asked: TableRequest, data: str, now: float) -> Answer:
         command = asked.command
         if not data and command.name in WITHOUT_DATA:
             data = "00000"
@@ -135,8 +135,8 @@ class Device:
             return self.refuse(asked.code + data, OUT_OF_RANGE, now)
         return self._accept(asked, value, now)
 
-    def _accept(self, asked: Asked, value: Value, now: float) -> Answer:
-        self.log.writes.append(Written(now, asked.command.name, asked.port, asked.tool, value))
+    def _accept(self, asked: TableRequest, value: Value, now: float) -> Answer:
+        self.log.writes.append(AcceptedWrite(now, asked.command.name, asked.port, asked.tool, value))
         self.face.apply(asked, value, now)
         if asked.command.name == "restart":
             self.restart(now)

@@ -13,14 +13,14 @@ from typing import Final, NamedTuple
 
 from jbclog.config.sim_spec import FaultSpec
 from jbclog.sim.device import Device
-from jbclog.sim.soldering import Asked
+from jbclog.sim.soldering import TableRequest
 
 ON_ANSWERS: Final = frozenset({"silence", "noise", "flip", "late", "nak"})
 OF_OMEGA: Final = frozenset({"solder_shortage", "clog", "not_ready", "out_of_range"})
 ON_PHYSICS: Final = frozenset({"restart", "stuck", "overheat", "tool"}) | OF_OMEGA
 
 
-class Change(NamedTuple):
+class FaultChange(NamedTuple):
     """A fault of the physics that begins or ends at `at`."""
 
     at: float
@@ -28,7 +28,7 @@ class Change(NamedTuple):
     begins: bool
 
 
-class Tape:
+class FaultSchedule:
     """The schedule of one station's faults."""
 
     def __init__(self, faults: Sequence[FaultSpec], seed: int) -> None:
@@ -36,7 +36,7 @@ class Tape:
         self._random = Random(seed)
         self._struck = dict.fromkeys(range(len(faults)), 0)
         self._on_answers = [(number, fault) for number, fault in enumerate(faults) if fault.kind in ON_ANSWERS]
-        self._changes: list[Change] = []
+        self._changes: list[FaultChange] = []
         self._outages: list[tuple[float, float]] = []
         self.zero: float | None = None
 
@@ -46,12 +46,12 @@ class Tape:
         for fault in self._faults:
             begin, end = self._window(fault)
             if fault.kind in ON_PHYSICS:
-                self._changes += [Change(begin, fault, True), Change(end, fault, False)]
+                self._changes += [FaultChange(begin, fault, True), FaultChange(end, fault, False)]
             elif fault.kind == "dropout":
                 self._outages.append((begin, end))
         self._changes.sort(key=lambda change: change.at)
 
-    def changes(self, now: float) -> list[Change]:
+    def changes(self, now: float) -> list[FaultChange]:
         """Return the changes of the physics that are due, in order, each once."""
         if not self._changes:
             return []
@@ -67,7 +67,7 @@ class Tape:
         """Return when the cable is next disconnected or connected; None if never, or before the first request."""
         return min((moment for outage in self._outages for moment in outage if moment > now), default=None)
 
-    def strikes(self, asked: Asked | None, header: str, now: float) -> list[FaultSpec]:
+    def strikes(self, asked: TableRequest | None, header: str, now: float) -> list[FaultSpec]:
         """Return the faults that affect the answer to this request."""
         if not self._on_answers:
             return []
@@ -99,7 +99,7 @@ class Tape:
         begin = (self.zero or 0.0) + fault.at_s
         return begin, begin + (inf if fault.for_s is None else fault.for_s)
 
-    def _hits(self, number: int, fault: FaultSpec, asked: Asked | None, header: str, now: float) -> bool:
+    def _hits(self, number: int, fault: FaultSpec, asked: TableRequest | None, header: str, now: float) -> bool:
         begin, end = self._window(fault)
         if not begin <= now < end or not _meant(fault, asked, header):
             return False
@@ -107,7 +107,7 @@ class Tape:
         return self._struck[number] % fault.every == 0
 
 
-def _meant(fault: FaultSpec, asked: Asked | None, header: str) -> bool:
+def _meant(fault: FaultSpec, asked: TableRequest | None, header: str) -> bool:
     """Whether the fault concerns this request."""
     if fault.only is not None and header != fault.only[0].upper():
         return False
@@ -116,7 +116,7 @@ def _meant(fault: FaultSpec, asked: Asked | None, header: str) -> bool:
     return asked is not None and fault.command in (None, asked.command.name) and fault.port in (None, asked.port)
 
 
-def happen(change: Change, device: Device) -> None:
+def apply_fault(change: FaultChange, device: Device) -> None:
     """Begin or end a fault of the physics on this device."""
     fault = change.fault
     device.face.advance_to(change.at)

@@ -13,8 +13,8 @@ from jbclog.core.quantities import Value
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.defaults import AIR_DEFAULTS
 from jbclog.sim.port import fresh
-from jbclog.sim.soldering import COUNTER_ROOM, Asked, Identity, set_value, setting
-from jbclog.sim.tip import NEVER, Joint, Joints
+from jbclog.sim.soldering import COUNTER_ROOM, Identity, TableRequest, set_value, setting
+from jbclog.sim.tip import NEVER, JointSchedule, SimJoint
 
 # The heater is one heat capacity that gives its heat to the air stream; the tool's thermocouple measures the heater. The regulator
 # knows the holding power and adds a proportional part, so that it never overshoots. Each step is the exact exponential of its
@@ -73,7 +73,7 @@ class Heater:
         self.temperature_c = end + (self.temperature_c - end) * exp(-seconds * loss / CAPACITY_J_PER_K)
 
 
-class Probe:
+class Thermocouple:
     """A thermocouple on the work, which follows the air with a lag."""
 
     __slots__ = ("ambient_c", "temperature_c")
@@ -126,7 +126,7 @@ class AirLimits:
 
 
 @dataclass(slots=True)
-class AirCharacter:
+class AirTraits:
     """Constant properties of sensors and user."""
 
     noise_c: float = 0.0
@@ -155,13 +155,13 @@ class AirStation:
     now: float
     tool: int
     heater: Heater
-    joints: Joints
-    character: AirCharacter = field(default_factory=AirCharacter)
+    joints: JointSchedule
+    character: AirTraits = field(default_factory=AirTraits)
     start_counts: Mapping[str, float] = field(default_factory=dict)
     settings: AirSettings = field(default_factory=_settings)
     limits: AirLimits = field(default_factory=_limits)
     adjust: dict[int, int] = field(default_factory=_adjustments)
-    probe: Probe = field(init=False)
+    probe: Thermocouple = field(init=False)
     is_on: bool = False
     is_cooling: bool = False
     has_suction: bool = False
@@ -174,14 +174,14 @@ class AirStation:
     work_s: float = 0.0
     tool_cycles: int = 0
     suction_cycles: int = 0
-    _work: Joint | None = None
-    _next: Joint = NEVER
+    _work: SimJoint | None = None
+    _next: SimJoint = NEVER
     _let_go: float = inf  # when suction ends automatically
     _quiet_since: float = field(init=False)
 
     def __post_init__(self) -> None:
         self.began = self._quiet_since = self.now
-        self.probe = Probe(self.heater.ambient_c)
+        self.probe = Thermocouple(self.heater.ambient_c)
 
     def order(self, word: StatusWord) -> None:
         """Switch on, off or to cooling, with or without suction, as W-PS does."""
@@ -311,7 +311,6 @@ class AirStation:
             self._let_go = self.now + LIFT_S
 
 
-# -- airface ------------------------------------------------------------------------------------------------------------------
 # The face of hot air: what the station tells when it is asked, what a write does to it, and which writes it refuses.
 #
 # It takes the words of status that manual 001 prints, with and without suction, and refuses on and cooling at once.
@@ -319,7 +318,7 @@ class AirStation:
 PORT = 1
 
 
-class AirFace:
+class AirModel:
     """A hot air station as the device sees it."""
 
     def __init__(self, station: AirStation) -> None:
@@ -332,7 +331,7 @@ class AirFace:
     def advance_to(self, moment: float) -> None:
         self.station.advance_to(moment)
 
-    def value_of(self, asked: Asked, identity: Identity, now: float) -> Value:
+    def value_of(self, asked: TableRequest, identity: Identity, now: float) -> Value:
         self.station.advance_to(now)
         command, name = asked.command, asked.command.name
         if name == "model":
@@ -353,7 +352,7 @@ class AirFace:
         lowest, highest = self._range(command)
         return not isinstance(value, int) or lowest <= value <= highest
 
-    def apply(self, asked: Asked, value: Value, now: float) -> None:
+    def apply(self, asked: TableRequest, value: Value, now: float) -> None:
         self.station.advance_to(now)
         command, station = asked.command, self.station
         match command.name:

@@ -32,11 +32,11 @@ from jbclog.protocol.commands.omega import (
     is_condition,
 )
 from jbclog.protocol.omega import OmegaReader, encode
-from jbclog.sim.device import Refused, Struck, WireLog, Written
-from jbclog.sim.faults import OF_OMEGA, Change, Tape
-from jbclog.sim.soldering import Asked
-from jbclog.sim.tip import Joints
-from jbclog.sim.virtual import Pace, Reply
+from jbclog.sim.device import AcceptedWrite, FaultyAnswer, RefusedRequest, StationLog
+from jbclog.sim.faults import OF_OMEGA, FaultChange, FaultSchedule
+from jbclog.sim.soldering import TableRequest
+from jbclog.sim.tip import JointSchedule
+from jbclog.sim.virtual import LineTiming, Reply
 
 # Where no document describes a controller: it prepares for `WARM_UP_S` after switching on; its temperature leaves the range in
 # the later part of each joint and is back at its end; a condition takes as long as its times and its feeds, and 0 mm/s moves
@@ -62,7 +62,7 @@ def usual(number: int) -> StoredRecord:
 class OmegaPlant:
     """One controller and its machine. Times are monotonic seconds."""
 
-    def __init__(self, began: float, joints: Joints, stored: Mapping[int, StoredRecord]) -> None:
+    def __init__(self, began: float, joints: JointSchedule, stored: Mapping[int, StoredRecord]) -> None:
         self.stored = dict(stored)
         self.faults: set[str] = set()
         self._joints = joints
@@ -127,8 +127,6 @@ def seconds_of(condition: StoredRecord, *, first_stage: bool = False) -> float:
     return sum(times) + sum(way / speed for way, speed in moves if speed)
 
 
-# -- omega --------------------------------------------------------------------------------------------------------------------
-
 SLOWEST_S = 0.25  # 003 11.1
 IN_DEGREES: Final = "temperature_in_degrees"
 OMEGA_QUIRKS: Final = {IN_DEGREES: 51}
@@ -151,14 +149,14 @@ class VirtualOmega:
         line = LineFormat(spec.baudrate, spec.format)
         self.name = spec.name
         self.seed = next(given for given in (seed, sim.seed, crc32(spec.name.encode())) if given is not None)
-        self.log = WireLog()
-        self.faults = Tape(sim.fault, self.seed)
-        joints = Joints(sim.joints_per_minute, sim.joint_seconds, self.seed, now)
+        self.log = StationLog()
+        self.faults = FaultSchedule(sim.fault, self.seed)
+        joints = JointSchedule(sim.joints_per_minute, sim.joint_seconds, self.seed, now)
         self.plant = OmegaPlant(now, joints, _stored(spec.name, sim))
         self._random = Random(self.seed)
         self._turnaround_s = sim.turnaround_ms / 1000 if "turnaround_ms" in sim.model_fields_set else None
         self._character_s = line.character_s if sim.wire else 0.0
-        self._pace = Pace(self._character_s, 0.0)
+        self._pace = LineTiming(self._character_s, 0.0)
         self._reader = OmegaReader()
         self._silent_until = float("-inf")
 
@@ -190,7 +188,7 @@ class VirtualOmega:
         if heard < self._silent_until:
             return []
         command = BY_LETTER.get(text[0])
-        asked = Asked(command, text, 1) if command else None
+        asked = TableRequest(command, text, 1) if command else None
         struck = self.faults.strikes(asked, "W" if command and command.writable else "R", heard)
         if any(fault.kind == "nak" for fault in struck):
             return self._ignore(text, heard)
@@ -209,14 +207,14 @@ class VirtualOmega:
         command = BY_LETTER.get(letter)
         if command is None or data:
             return None
-        told = {
+        values = {
             "A": self.plant.information,
             "B": lambda: self.plant.control(now),
             "F": lambda: self.plant.at_temperature(now),
             "G": self.plant.mode,
         }
         self.log.reads += 1
-        return letter.lower() + command.quantity.encode(told[letter]())
+        return letter.lower() + command.quantity.encode(values[letter]())
 
     def _condition(self, data: str) -> str | None:
         number = _number(data)
@@ -233,26 +231,26 @@ class VirtualOmega:
         if not self.plant.takes(value):
             return None
         self.plant.store(value)
-        self.log.writes.append(Written(now, "store_condition", 0, 0, value))
+        self.log.writes.append(AcceptedWrite(now, "store_condition", 0, 0, value))
         return "d"
 
     def _run(self, text: str, struck: list[FaultSpec], heard: float) -> list[Reply]:
         number = _number(text[1:])
         if number is None or not is_condition(number):
             return self._ignore(text, heard)
-        self.log.writes.append(Written(heard, "run_condition", 0, 0, number))
+        self.log.writes.append(AcceptedWrite(heard, "run_condition", 0, 0, number))
         letter, done = self.plant.run(number, heard)
         return self._send(letter, struck, done, by_itself=True)
 
     def _ignore(self, text: str, now: float) -> list[Reply]:
-        self.log.refused.append(Refused(now, text, 0))
+        self.log.refused.append(RefusedRequest(now, text, 0))
         return []
 
     def _send(self, text: str, struck: list[FaultSpec], after: float, *, by_itself: bool = False) -> list[Reply]:
         """Send an answer, after applying its faults. An unsolicited message waits for no answer."""
         clean = encode(text)
         sent, late_s = self.faults.spoil(clean, struck)
-        self.log.struck.extend(Struck(after, fault.kind, clean, sent) for fault in struck)
+        self.log.struck.extend(FaultyAnswer(after, fault.kind, clean, sent) for fault in struck)
         if not sent:
             return []
         if by_itself:
@@ -264,7 +262,7 @@ class VirtualOmega:
     def _delay_s(self) -> float:
         return self._random.uniform(0.0, SLOWEST_S) if self._turnaround_s is None else self._turnaround_s
 
-    def _happen(self, change: Change) -> None:
+    def _happen(self, change: FaultChange) -> None:
         kind = change.fault.kind
         if kind == "restart":
             if change.begins and change.fault.for_s is not None:
@@ -288,9 +286,9 @@ def _stored(station: str, sim: SimSpec) -> dict[int, StoredRecord]:
     """Return the initial conditions of the line file, and one that sets a temperature, in tenths or in whole degrees."""
     set_temperature = SetTemperature(399, SET_C if IN_DEGREES in sim.quirks else 10 * SET_C, 0)
     found: dict[int, StoredRecord] = {set_temperature.condition: set_temperature}
-    for name, told in sim.settings.items():
+    for name, values in sim.settings.items():
         try:
-            value = RECORD.decode(str(told).replace(" ", ""))
+            value = RECORD.decode(str(values).replace(" ", ""))
         except ValueError as error:
             raise UsageError(f"{station}: [station.sim] settings: {name}: {error}") from error
         if name != f"condition_{value.condition}":

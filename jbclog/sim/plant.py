@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from math import inf
 
 from jbclog.protocol.commands.defaults import FEEDER_DEFAULTS
-from jbclog.sim.port import HIBERNATION, SLEEP, STAND, WORKING, Port, fresh
+from jbclog.sim.port import HIBERNATION, SLEEP, STAND, WORKING, SimPort, fresh
 from jbclog.sim.tip import WarmPart
 
 # The solder feeder pushes wire forward and then draws it back a little. In the modes continuous and reload it feeds until it is
@@ -102,7 +102,7 @@ class Plant:
     """A station since `began`. `start_counts` are its counters at that time, by command name."""
 
     began: float
-    ports: dict[int, Port]
+    ports: dict[int, SimPort]
     feeder: Feeder
     factory: StationSettings
     start_counts: Mapping[str, float] = field(default_factory=dict)
@@ -124,11 +124,11 @@ class Plant:
         self.advance_to(now)
         return self.transformer.temperature_c(now, sum(port.energy_j for port in self.ports.values()))
 
-    def count(self, name: str, port: Port, now: float) -> float:
+    def count(self, name: str, port: SimPort, now: float) -> float:
         """Return the counter with the command name `name`: hours, cycles or mm."""
         return self.start_counts.get(name, 0.0) + self._counted(name, port, now)
 
-    def _counted(self, name: str, port: Port, now: float) -> float:
+    def _counted(self, name: str, port: SimPort, now: float) -> float:
         doing = port.doing
         match name:
             case "plugged_hours":

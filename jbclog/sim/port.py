@@ -15,7 +15,7 @@ from typing import TypeVar
 
 from jbclog.core.quantities import OFF, Off
 from jbclog.protocol.commands.defaults import SOLDERING_DEFAULTS, Default, values_of
-from jbclog.sim.tip import LOAD_C, NEVER, Comparator, Joint, Joints, Tip, WarmPart
+from jbclog.sim.tip import LOAD_C, NEVER, Comparator, JointSchedule, SimJoint, Tip, WarmPart
 
 T = TypeVar("T")
 
@@ -78,7 +78,7 @@ class ToolState:
             minutes = delays.hibernation_delay
         return inf if isinstance(minutes, Off) else self.began + 60.0 * minutes
 
-    def go_on(self, now: float) -> None:
+    def next_state(self, now: float) -> None:
         """Change from stand to sleep, or from sleep to hibernation."""
         if self.state == STAND:
             self.sleep_cycles += 1
@@ -112,7 +112,7 @@ class PortSettings:
 
 
 @dataclass(slots=True)
-class Character:
+class PortTraits:
     """Constant properties of a port: sensor, extractor state and user."""
 
     noise_c: float = 0.0
@@ -131,14 +131,14 @@ def _tool_settings() -> dict[int, ToolSettings]:
 
 
 @dataclass(slots=True)
-class Port:
+class SimPort:
     """A port from `now` (monotonic seconds) on, with tool number `tool`."""
 
     now: float
     tool: int
     tip: Tip
-    joints: Joints
-    character: Character = field(default_factory=Character)
+    joints: JointSchedule
+    character: PortTraits = field(default_factory=PortTraits)
     settings: PortSettings = field(default_factory=_port_settings)
     tools: dict[int, ToolSettings] = field(default_factory=_tool_settings)
     doing: ToolState = field(init=False)
@@ -155,8 +155,8 @@ class Port:
     began: float = field(init=False)
     _offset_c: float = 0.0  # reading minus true tip temperature
     _target_c: float | None = None
-    _load: Joint | None = None
-    _next: Joint = NEVER
+    _load: SimJoint | None = None
+    _next: SimJoint = NEVER
     _due: float = inf
     _quiet_since: float = field(init=False)
 
@@ -263,7 +263,7 @@ class Port:
     def _turn(self) -> None:
         """Process the due event: the next state, or the begin or end of a joint."""
         if self.now >= self.doing.due(self.tools[self.tool]):
-            self.doing.go_on(self.now)
+            self.doing.next_state(self.now)
         elif self._load is not None:
             self._load = None
         elif self._target_c is not None and self.tip.temperature_c > self._target_c - READY_C:

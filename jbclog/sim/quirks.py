@@ -14,16 +14,16 @@ from typing import NamedTuple
 
 from jbclog.core.quantities import OFF_ON_WIRE
 from jbclog.sim.port import ToolSettings, ToolState
-from jbclog.sim.soldering import Asked, Face, SolderingFace
+from jbclog.sim.soldering import SolderingModel, StationModel, TableRequest
 from jbclog.sim.tip import Comparator
 
 WRONG_FORMAT, OUT_OF_RANGE = 2, 3
 
 
-class Turn(NamedTuple):
+class ParsedRequest(NamedTuple):
     """An accepted request, and the characters after its header."""
 
-    asked: Asked
+    asked: TableRequest
     text: str
 
     @property
@@ -42,7 +42,7 @@ Addresses = tuple[int | None, int | None]
 Hear = Callable[[str], str | int]
 """Maps a request (header, code, data) to the one that the station processes, or to a communication error."""
 
-Say = Callable[[Turn, str], str | None]
+Say = Callable[[ParsedRequest, str], str | None]
 """Maps the characters after the A of an answer to those that are sent; None is silence."""
 
 
@@ -58,7 +58,7 @@ class Quirk:
     hear: Hear | None = None
     say: Say | None = None
     addresses: Callable[[Addresses, int | None, bool], Addresses] | None = None
-    begin: Callable[[Face], None] | None = None
+    begin: Callable[[StationModel], None] | None = None
     bare_refusals: bool = False
     refuses_others: bool = False
 
@@ -66,7 +66,7 @@ class Quirk:
 def _data(change: Callable[[str], str], *commands: str) -> Say:
     """Change the data field of the answers to reads of `commands`."""
 
-    def say(turn: Turn, text: str) -> str:
+    def say(turn: ParsedRequest, text: str) -> str:
         code = turn.asked.code
         data = text[len(code) :]
         return code + change(data) if turn.name in commands and data else text
@@ -89,7 +89,7 @@ def _hex(form: str) -> Callable[[str], str]:
 def _under(letters: str, other: str, *, acknowledgement: bool) -> Say:
     """Send answers under `letters` with `other` letters: the acknowledgements, or the values."""
 
-    def say(turn: Turn, text: str) -> str:
+    def say(turn: ParsedRequest, text: str) -> str:
         is_acknowledgement = text == turn.asked.code
         meant = text.startswith(letters) and is_acknowledgement == acknowledgement
         return other + text[len(letters) :] if meant else text
@@ -97,11 +97,11 @@ def _under(letters: str, other: str, *, acknowledgement: bool) -> Say:
     return say
 
 
-def _silence_after_restart(turn: Turn, text: str) -> str | None:
+def _silence_after_restart(turn: ParsedRequest, text: str) -> str | None:
     return None if turn.name == "restart" else text
 
 
-def _status_with_value(turn: Turn, text: str) -> str:
+def _status_with_value(turn: ParsedRequest, text: str) -> str:
     return turn.text if turn.name == "status" and text == turn.asked.code else text
 
 
@@ -146,7 +146,7 @@ class _CountsSeconds(ToolState):
         return self.began + (ToolState.due(self, delays) - self.began) / 60
 
 
-class _Staying(Comparator):
+class _LatchedWhileBeyond(Comparator):
     """Stays latched while the temperature is beyond the limit, even after reading."""
 
     __slots__ = ()
@@ -156,18 +156,18 @@ class _Staying(Comparator):
         return was
 
 
-def _delays_in_seconds(face: Face) -> None:
-    if isinstance(face, SolderingFace):
+def _delays_in_seconds(face: StationModel) -> None:
+    if isinstance(face, SolderingModel):
         for port in face.plant.ports.values():
             port.doing = _CountsSeconds(port.now)
             port.changed()
 
 
-def _flags_stay(face: Face) -> None:
+def _flags_stay(face: StationModel) -> None:
     """Keep flags latched until the tool is exchanged, or the station restarts."""
-    if isinstance(face, SolderingFace):
+    if isinstance(face, SolderingModel):
         for port in face.plant.ports.values():
-            port.high, port.low = _Staying(), _Staying()
+            port.high, port.low = _LatchedWhileBeyond(), _LatchedWhileBeyond()
 
 
 _DELAYS = ("alarm_high_delay", "alarm_low_delay")
@@ -219,7 +219,7 @@ class Quirks:
         self.refuses_others = any(quirk.refuses_others for quirk in self._quirks)
         self._bare_refusals = any(quirk.bare_refusals for quirk in self._quirks)
 
-    def begin(self, face: Face) -> None:
+    def begin(self, face: StationModel) -> None:
         for quirk in self._quirks:
             if quirk.begin is not None:
                 quirk.begin(face)
@@ -232,12 +232,12 @@ class Quirks:
                 heard = quirk.hear(heard)
         return heard
 
-    def say(self, asked: Asked, question: str, text: str) -> str | None:
+    def say(self, asked: TableRequest, question: str, text: str) -> str | None:
         """Return the text after the A of the answer to `question` (code and data); None is silence."""
         said: str | None = text
         for quirk in self._quirks:
             if quirk.say is not None and said is not None:
-                said = quirk.say(Turn(asked, question), said)
+                said = quirk.say(ParsedRequest(asked, question), said)
         return said
 
     def refusal(self, text: str) -> str:

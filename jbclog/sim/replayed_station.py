@@ -10,8 +10,8 @@ request, it is lost again, for the same time. The rules:
 3. The clocks of client and capture run alike. Time that a host loses in passing bytes on is subtracted from the next answer. An
    answer well before the client's time is skipped where a later one is nearer, which `left_out` counts: a client that
    missed a tick gets the values of its present tick.
-4. A request and its second and third look are one group (`looks`), replayed in order or skipped as a whole: an answer that the
-   recording contradicts right after is never given without the contradiction.
+4. A request and its second and third look are one group (`retry_groups`), replayed in order or skipped as a whole: an answer
+   that the recording contradicts right after is never given without the contradiction.
 5. A request repeated more often than recorded gets the accepted answer at this place of the capture, which `repeated` counts. Alarm
    flags, which a station holds until they are read, are neither given twice nor skipped. After the end of the capture there
    is silence, and so there is for a request that was never recorded, which `strange` counts: nothing is made up.
@@ -25,18 +25,28 @@ from math import inf
 from statistics import median_low
 
 from jbclog.core.capture_rows import CaptureRow
-from jbclog.sim.recorded_wire import LOOK_S, Contents, Exchange, Looks, Ticks, exchanges, has_flags, is_write, looks
+from jbclog.sim.recorded_exchanges import (
+    LOOK_S,
+    Contents,
+    Exchange,
+    RecordedGrid,
+    RetryGroup,
+    exchanges,
+    has_flags,
+    is_write,
+    retry_groups,
+)
 from jbclog.sim.virtual import Reply
 
-LATELY = 16  # exchanges by whose times the two clocks are held against each other
-NEAR = 0.25  # of the time between two answers to one question: within it the nearer one is meant, whatever the order says
-MADE_GOOD_S = 0.02  # that a question may be early or late on the tape's clock and its answer at its moment all the same
-LEFT = 0.5  # of a recorded delay, at least
-OVER_S = 5.0  # after the last recorded question, in which the last answers still stand for a client that goes on a little longer
-AGAIN = 3  # times that a question gets its last answer once more where nothing tells whether the tape is over
+LATELY = 16  # exchanges for comparing the two clocks
+NEAR = 0.25  # share of the time between two answers to one request within which the nearer one counts, whatever the order
+MADE_GOOD_S = 0.02  # maximum difference of a request's time that its answer compensates
+LEFT = 0.5  # minimum share of a recorded delay
+OVER_S = 5.0  # after the last recorded request, in which the last answers still count for a client that runs a little longer
+AGAIN = 3  # repetitions of the last answer while the end of the capture is not known
 
 
-class TapeStation:
+class ReplayedStation:
     """A station that replays `rows`, which are read when needed.
 
     Recorded delays include the passing of bytes between programs; where that happens again, on a port, each answer begins
@@ -51,7 +61,7 @@ class TapeStation:
         name: str,
         rows: Callable[[], Iterable[CaptureRow]],
         early_s: float = 0.0,
-        ticks: Ticks | None = None,
+        ticks: RecordedGrid | None = None,
     ) -> None:
         self.name = name
         self.strange = 0
@@ -61,22 +71,22 @@ class TapeStation:
         self._ticks = ticks
         first_s = ticks.first_s if ticks else None
         self._contents = Contents.of(exchanges(rows(), first_s))
-        self._coming = looks(exchanges(rows(), first_s), ticks, self._contents.sampled)
+        self._coming = retry_groups(exchanges(rows(), first_s), ticks, self._contents.sampled)
         self._ahead = next(self._coming, None)
-        self._rows: defaultdict[bytes, deque[Looks]] = defaultdict(deque)
-        self._left: defaultdict[bytes, deque[Exchange]] = defaultdict(deque)  # what is left of the group last begun
+        self._rows: defaultdict[bytes, deque[RetryGroup]] = defaultdict(deque)
+        self._left: defaultdict[bytes, deque[Exchange]] = defaultdict(deque)  # the rest of the present group
         self._last: dict[bytes, Exchange] = {}
         self._believed: dict[bytes, Exchange] = {}
-        self._asked, self._asked_at = b"", -inf  # the question before this one
+        self._asked, self._asked_at = b"", -inf  # the previous request
         self._starts = {question[:length] for question in self._contents.known for length in range(1, len(question))}
         self._lengths = sorted({len(question) for question in self._contents.known}, reverse=True)
         self._heard = b""
         self._outages: list[tuple[float, float]] = []
         self._stretch = 0
         self._again: Counter[bytes] = Counter()  # as `repeated`, in this stretch
-        self._offsets: deque[float] = deque(maxlen=LATELY)  # tape's clock less the client's, of the last exchanges
-        self._tick_offsets: deque[float] = deque(maxlen=LATELY)  # the same, of questions that began a tick at its time
-        self._is_in_time = False  # whether these tell the place on the tape
+        self._offsets: deque[float] = deque(maxlen=LATELY)  # clock of the capture minus the client's, of the last exchanges
+        self._tick_offsets: deque[float] = deque(maxlen=LATELY)  # the same, of requests that began a tick on time
+        self._is_in_time = False  # whether the offsets determine the place in the capture
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
         """Return the answers to `data` written at `now`: bytes, each with its time of arrival."""
@@ -113,7 +123,7 @@ class TapeStation:
             one, behind_s = self._once_more(question, now), 0.0
         else:
             behind_s = self._behind_s(one, now)
-            self._go_on(one, now)
+            self._note(one, now)
         self._asked, self._asked_at = question, now
         return [Reply(now + self._delay_s(delay_s, behind_s), data) for delay_s, data in one.replies]
 
@@ -125,8 +135,6 @@ class TapeStation:
     def _delay_s(self, delay_s: float, behind_s: float) -> float:
         """Return the rest of a recorded delay, so that the client has the answer in time."""
         return max(max(delay_s - behind_s, LEFT * delay_s) - self._early_s, 0.0)
-
-    # -- the place on the tape ------------------------------------------------------------------------------------------
 
     def _time(self, now: float) -> float:
         """Convert the client's time to the clock of the capture."""
@@ -167,7 +175,7 @@ class TapeStation:
             self._ahead = next(self._coming, None)
         self._offsets.clear()
         self._tick_offsets.clear()
-        self._is_in_time = False  # what is not on a grid takes as long as the host lets it: there only the order counts
+        self._is_in_time = False  # off the grid times depend on the host: only the order counts
 
     def _is_waited_for(self, question: bytes) -> bool:
         """Whether the present stretch still has this request."""
@@ -217,17 +225,17 @@ class TapeStation:
         if last is None or last.stretch != self._stretch:
             return self._reach(question, 1)
         gone_s = self._time(now) - last.at_s
-        if question == self._asked:  # one more look at what it has just been told
+        if question == self._asked:  # the client reads the last answer again
             gone_s = min(gone_s, now - self._asked_at)
         far_s = last.at_s + max(gone_s, 0.0) / NEAR
         return self._reach(question, 1, far_s) and row[0].at_s <= far_s
 
-    def _pass_over(self, row: deque[Looks], question: bytes, now: float) -> None:
+    def _pass_over(self, row: deque[RetryGroup], question: bytes, now: float) -> None:
         """Skip the groups before the client's time."""
         time_s = self._time(now)
         while self._reach(question, 2, 2 * time_s - row[0].at_s) and self._is_nearer(time_s, row[0].at_s, row[1].at_s):
             if row[0].has_flags:
-                return  # they are held until somebody reads them
+                return  # flags stay until they are read
             self._leave(deque(row.popleft().all), now)
 
     def _leave(self, left: deque[Exchange], now: float) -> None:
@@ -236,7 +244,7 @@ class TapeStation:
             self.left_out += 1
             self._lose(left.popleft(), now)
 
-    def _begin_group(self, group: Looks) -> Exchange:
+    def _begin_group(self, group: RetryGroup) -> Exchange:
         """Return the first of a group; the others wait."""
         question, (first, *others) = group.question, group.all
         self._left[question].extend(others)
@@ -266,7 +274,7 @@ class TapeStation:
         after = self._rows[question][0]
         return one if after.has_flags else after.all[-1]
 
-    def _go_on(self, one: Exchange, now: float) -> None:
+    def _note(self, one: Exchange, now: float) -> None:
         """Note the exchange: it sets the place in the capture, and the state of the link."""
         self._last[one.question] = one
         self._set_clock(one, one.at_s - now)

@@ -22,7 +22,7 @@ from jbclog.sim.links import Link, Waiter, exact_timers
 from jbclog.sim.virtual import Reply
 
 
-class WireFile:
+class ByteLog:
     """Logs the bytes of all served stations as JSON lines, for tests and troubleshooting.
 
     ``{"t": 123.4, "station": "dde-1", "kind": "question", "text": "0001RTT1", "hex": "02..."}``: `t` is in monotonic seconds;
@@ -40,7 +40,7 @@ class WireFile:
         self._file.close()
 
 
-class NoWireFile(WireFile):
+class NoByteLog(ByteLog):
     """Logs nothing."""
 
     def __init__(self) -> None:
@@ -77,10 +77,10 @@ class Served:
 class Server:
     """Serves until `stop`. `open` creates the links, so that readiness can be reported."""
 
-    def __init__(self, served: Sequence[Served], waiter: Waiter, wire_file: WireFile | None = None) -> None:
+    def __init__(self, served: Sequence[Served], waiter: Waiter, wire_file: ByteLog | None = None) -> None:
         self._served = served
         self._waiter = waiter
-        self._wire_file = wire_file or NoWireFile()
+        self._wire_file = wire_file or NoByteLog()
         self._due: list[tuple[float, int, Callable[[], None]]] = []
         self._number = count()
         self._awaited: set[str] = set()  # stations whose next plugging is scheduled

@@ -12,7 +12,7 @@ from jbclog.core.errors import UsageError
 from jbclog.protocol.commands.family import FAMILIES, OMEGA
 from jbclog.sim.links import Link, PtyLink, TcpLink, Waiter
 from jbclog.sim.omega import VirtualOmega
-from jbclog.sim.serve import Servable, Served, Server, WireFile
+from jbclog.sim.serve import ByteLog, Servable, Served, Server
 from jbclog.sim.virtual import VirtualStation
 
 
@@ -37,7 +37,7 @@ def set_up(
     line: Line,
     folder: Path,
     tcp: Tcp | None = None,
-    wire_file: WireFile | None = None,
+    wire_file: ByteLog | None = None,
     stations: Sequence[Servable] | None = None,
     replay: Replay | None = None,
 ) -> Server:

@@ -15,11 +15,11 @@ from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.protocol.commands.status import EXTRACTOR, STAND, WORKING
 from jbclog.sim.plant import Plant
-from jbclog.sim.port import Port
+from jbclog.sim.port import SimPort
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class TableRequest:
     """One request of the table: `code` is its code, `port` and `tool` are 0 where it has none."""
 
     command: Command
@@ -29,12 +29,12 @@ class Asked:
 
 
 @cache
-def questions(family: str, ports: tuple[int, ...]) -> Mapping[str, Asked]:
+def questions(family: str, ports: tuple[int, ...]) -> Mapping[str, TableRequest]:
     """Return all requests by header and code (``RTT1``, ``WA12``) of a `family` with these ports."""
     return MappingProxyType(dict(_all(FAMILIES[family], ports)))
 
 
-def _all(family: Family, ports: tuple[int, ...]) -> Iterator[tuple[str, Asked]]:
+def _all(family: Family, ports: tuple[int, ...]) -> Iterator[tuple[str, TableRequest]]:
     tools = [tool for tool in family.tools if tool]
     for command in family.commands.values():
         for asked in _places(command, ports, tools):
@@ -42,15 +42,15 @@ def _all(family: Family, ports: tuple[int, ...]) -> Iterator[tuple[str, Asked]]:
                 yield header + asked.code, asked
 
 
-def _places(command: Command, ports: tuple[int, ...], tools: list[int]) -> Iterator[Asked]:
+def _places(command: Command, ports: tuple[int, ...], tools: list[int]) -> Iterator[TableRequest]:
     if command.scope is Scope.STATION:
-        yield Asked(command, command.code())
+        yield TableRequest(command, command.code())
         return
     for port in ports:
         if command.scope is Scope.PORT:
-            yield Asked(command, command.code(port), port)
+            yield TableRequest(command, command.code(port), port)
         else:
-            yield from (Asked(command, command.code(port, tool), port, tool) for tool in tools)
+            yield from (TableRequest(command, command.code(port, tool), port, tool) for tool in tools)
 
 
 COUNTER_ROOM = 100_000  # counters have five digits and roll over; no manual says so
@@ -66,7 +66,7 @@ class Identity:
     robot_mode: bool = True
 
 
-def value_of(asked: Asked, plant: Plant, identity: Identity, now: float) -> Value:
+def value_of(asked: TableRequest, plant: Plant, identity: Identity, now: float) -> Value:
     """Return the value of an answer to `asked`; OFF is sent as 99999. Reading alarm flags clears them."""
     port = plant.ports.get(asked.port)
     if port is None:
@@ -89,20 +89,20 @@ def setting(holder: object, name: str) -> Value:
     return value
 
 
-def _alarm_flags(port: Port) -> Value:
+def _alarm_flags(port: SimPort) -> Value:
     return (0, 0, 0, int(port.low.take()), int(port.high.take()))
 
 
-def _seconds_to_sleep(port: Port) -> Value:
+def _seconds_to_sleep(port: SimPort) -> Value:
     seconds = port.seconds_to_sleep()
     return OFF if seconds is None else seconds
 
 
-_PORT_READINGS: Mapping[str, Callable[[Port], Value]] = MappingProxyType(
+_PORT_READINGS: Mapping[str, Callable[[SimPort], Value]] = MappingProxyType(
     {
-        "tip_temperature": Port.temperature,
-        "power": Port.power,
-        "port_error": Port.port_error,
+        "tip_temperature": SimPort.temperature,
+        "power": SimPort.power,
+        "port_error": SimPort.port_error,
         "tool": lambda port: port.tool,
         "time_to_sleep": _seconds_to_sleep,
         "transistor_temperature": lambda port: round(port.transistor_temperature()),
@@ -168,7 +168,7 @@ def allowed(command: Command, value: Value, family: Family, plant: Plant) -> boo
     return True
 
 
-def apply(asked: Asked, value: Value, plant: Plant, now: float) -> None:
+def apply(asked: TableRequest, value: Value, plant: Plant, now: float) -> None:
     """Apply an accepted write to a port, a tool, the feeder or the station's limits."""
     plant.advance_to(now)
     command, port = asked.command, plant.ports.get(asked.port)
@@ -186,7 +186,7 @@ def set_value(holder: object, name: str, value: Value) -> None:
     setattr(holder, name, value)
 
 
-def _order(port: Port, word: Value) -> None:
+def _order(port: SimPort, word: Value) -> None:
     if isinstance(word, tuple):
         port.order(*ORDERS[word])
 
@@ -209,8 +209,7 @@ def _apply_to_station(name: str, value: Value, plant: Plant, now: float) -> None
             set_value(plant.feeder.settings, name, value)
 
 
-
-class Face(Protocol):
+class StationModel(Protocol):
     """The physics of one kind of station, for the device. Times are monotonic seconds, `port` is 0 for the station itself."""
 
     @property
@@ -220,13 +219,13 @@ class Face(Protocol):
     def advance_to(self, moment: float) -> None:
         """Simulate until `moment`."""
 
-    def value_of(self, asked: Asked, identity: Identity, now: float) -> Value:
+    def value_of(self, asked: TableRequest, identity: Identity, now: float) -> Value:
         """Return the value of an answer to `asked`; OFF is sent as 99999."""
 
     def allowed(self, command: Command, value: Value) -> bool:
         """Whether the station accepts this value of a well-formed write."""
 
-    def apply(self, asked: Asked, value: Value, now: float) -> None:
+    def apply(self, asked: TableRequest, value: Value, now: float) -> None:
         """Apply an accepted write."""
 
     def restart(self, now: float) -> None:
@@ -239,8 +238,7 @@ class Face(Protocol):
         """Begin or end a fault of the physics (``stuck``, ``overheat``, ``tool``) on `port`."""
 
 
-
-class SolderingFace:
+class SolderingModel:
     """A soldering station of `family`. `strict`: it also enforces inferred limits."""
 
     def __init__(self, family: Family, plant: Plant, *, strict: bool = False) -> None:
@@ -255,13 +253,13 @@ class SolderingFace:
     def advance_to(self, moment: float) -> None:
         self.plant.advance_to(moment)
 
-    def value_of(self, asked: Asked, identity: Identity, now: float) -> Value:
+    def value_of(self, asked: TableRequest, identity: Identity, now: float) -> Value:
         return value_of(asked, self.plant, identity, now)
 
     def allowed(self, command: Command, value: Value) -> bool:
         return allowed(command, value, self.family, self.plant) and not (self.strict and is_beyond_inferred(command, value))
 
-    def apply(self, asked: Asked, value: Value, now: float) -> None:
+    def apply(self, asked: TableRequest, value: Value, now: float) -> None:
         apply(asked, value, self.plant, now)
 
     def restart(self, now: float) -> None:

@@ -22,7 +22,7 @@ MOST_OF_PERIOD = 0.6  # maximum duration of a joint, as a share of the time betw
 
 
 @dataclass(frozen=True, slots=True)
-class Joint:
+class SimJoint:
     """One joint: begin and end in seconds, and its heat draw in W/K."""
 
     start: float
@@ -30,10 +30,10 @@ class Joint:
     load_w_per_k: float
 
 
-NEVER = Joint(inf, inf, 0.0)
+NEVER = SimJoint(inf, inf, 0.0)
 
 
-class Joints:
+class JointSchedule:
     """The joints of one tool from `origin` on."""
 
     __slots__ = ("_origin", "_period", "_seconds", "_seed")
@@ -44,7 +44,7 @@ class Joints:
         self._seed = seed
         self._origin = origin
 
-    def after(self, moment: float) -> Joint:
+    def after(self, moment: float) -> SimJoint:
         """Return the first joint that begins after `moment`."""
         if self._period == inf:
             return NEVER
@@ -53,12 +53,12 @@ class Joints:
             number += 1
         return joint
 
-    def _joint(self, number: int) -> Joint:
+    def _joint(self, number: int) -> SimJoint:
         scatter = Random(self._seed * 1_000_003 + number)
         start = self._origin + (number + 0.4 + 0.2 * scatter.random()) * self._period
-        return Joint(start, start + self._seconds * (0.85 + 0.15 * scatter.random()), LOAD_W_PER_K * (0.8 + 0.4 * scatter.random()))
-
-
+        return SimJoint(
+            start, start + self._seconds * (0.85 + 0.15 * scatter.random()), LOAD_W_PER_K * (0.8 + 0.4 * scatter.random())
+        )
 
 
 @dataclass(slots=True)

@@ -26,15 +26,15 @@ from jbclog.protocol.commands.family import FAMILIES, Family, family_of
 from jbclog.protocol.commands.hotair import AIR_STATUS
 from jbclog.protocol.commands.signals import DISPENSING_COUNTERS
 from jbclog.protocol.frame import CorruptFrame, Frame, FrameReader, check_byte
-from jbclog.sim.device import WRONG_CHECK, WRONG_FORMAT, Answer, Device, Struck, WireLog
-from jbclog.sim.faults import OF_OMEGA, Tape, happen
+from jbclog.sim.device import WRONG_CHECK, WRONG_FORMAT, Answer, Device, FaultyAnswer, StationLog
+from jbclog.sim.faults import OF_OMEGA, FaultSchedule, apply_fault
 from jbclog.sim.hotair import PORT as AIR_PORT
-from jbclog.sim.hotair import AirCharacter, AirFace, AirStation, Heater
+from jbclog.sim.hotair import AirModel, AirStation, AirTraits, Heater
 from jbclog.sim.plant import Feeder, Plant, StationSettings
-from jbclog.sim.port import Character, Port, fresh
+from jbclog.sim.port import PortTraits, SimPort, fresh
 from jbclog.sim.quirks import QUIRKS, Quirks
-from jbclog.sim.soldering import Asked, Face, Identity, SolderingFace
-from jbclog.sim.tip import Joints, Tip
+from jbclog.sim.soldering import Identity, SolderingModel, StationModel, TableRequest
+from jbclog.sim.tip import JointSchedule, Tip
 
 MODELS = {"soldering": "DDR", "ucr": "UCR245"}  # elsewhere the model has the family's name
 PORTS_IF_UNPRINTED = (1, 2)
@@ -44,8 +44,8 @@ TIP_W, HOT_AIR_W = 130.0, 900.0
 def family_for(spec: StationSpec) -> Family:
     """Return the family of a virtual station; ``auto`` goes by its model."""
     name = spec.sim.family if spec.sim and spec.sim.family else spec.family
-    told = spec.sim.model if spec.sim else None
-    family = FAMILIES.get(name) if name != AUTO else family_of(told or "")
+    given = spec.sim.model if spec.sim else None
+    family = FAMILIES.get(name) if name != AUTO else family_of(given or "")
     if family is None:
         raise UsageError(f"{spec.name}: there is no virtual station of family {spec.family}; [station.sim] model can name one")
     return family
@@ -66,13 +66,13 @@ def build_device(spec: StationSpec, now: float, seed: int) -> Device:
     return device
 
 
-def _face(sim: SimSpec, family: Family, ports: tuple[int, ...], model: str, now: float, seed: int) -> Face:
+def _face(sim: SimSpec, family: Family, ports: tuple[int, ...], model: str, now: float, seed: int) -> StationModel:
     if family.status is AIR_STATUS:
-        return AirFace(_air_station(sim, now, seed))
-    return SolderingFace(family, _plant(sim, family, ports, model, now, seed), strict=sim.refuses_unprinted)
+        return AirModel(_air_station(sim, now, seed))
+    return SolderingModel(family, _plant(sim, family, ports, model, now, seed), strict=sim.refuses_unprinted)
 
 
-def _check_names(station: str, sim: SimSpec, family: Family, face: Face) -> None:
+def _check_names(station: str, sim: SimSpec, family: Family, face: StationModel) -> None:
     """Refuse a counter, command or port that does not exist, and would silently have no effect."""
     counters = {counter.command for counter in (*family.counters, *DISPENSING_COUNTERS)} & set(family.commands)
     wrong = [f"counters: {name}" for name in sim.counters if name not in counters]
@@ -99,38 +99,38 @@ def _plant(sim: SimSpec, family: Family, ports: tuple[int, ...], model: str, now
 
 
 def _air_station(sim: SimSpec, now: float, seed: int) -> AirStation:
-    character = AirCharacter(sim.noise_c, sim.sensor_error_c, sim.thermocouple, sim.suction_each_joint, Random(seed))
+    character = AirTraits(sim.noise_c, sim.sensor_error_c, sim.thermocouple, sim.suction_each_joint, Random(seed))
     heater = Heater(sim.ambient_c, sim.rated_power_w or HOT_AIR_W)
-    joints = Joints(sim.joints_per_minute, sim.joint_seconds, seed, now)
+    joints = JointSchedule(sim.joints_per_minute, sim.joint_seconds, seed, now)
     return AirStation(now, sim.tools.get(AIR_PORT, sim.tool), heater, joints, character, sim.counters)
 
 
-def _port(sim: SimSpec, number: int, now: float, seed: int, on_joint: Callable[[float], None] | None) -> Port:
-    character = Character(sim.noise_c, sim.sensor_error_c, sim.extractor_cools, Random(seed), on_joint)
-    joints = Joints(sim.joints_per_minute, sim.joint_seconds, seed, now)
-    return Port(now, sim.tools.get(number, sim.tool), Tip(sim.ambient_c, sim.rated_power_w or TIP_W), joints, character)
+def _port(sim: SimSpec, number: int, now: float, seed: int, on_joint: Callable[[float], None] | None) -> SimPort:
+    character = PortTraits(sim.noise_c, sim.sensor_error_c, sim.extractor_cools, Random(seed), on_joint)
+    joints = JointSchedule(sim.joints_per_minute, sim.joint_seconds, seed, now)
+    return SimPort(now, sim.tools.get(number, sim.tool), Tip(sim.ambient_c, sim.rated_power_w or TIP_W), joints, character)
 
 
-def _begin_with(device: Device, station: str, name: str, told: int | float | str, now: float) -> None:
+def _begin_with(device: Device, station: str, name: str, given: int | float | str, now: float) -> None:
     """Apply an initial setting on all ports and tools."""
     command = device.family.commands.get(name)
-    value = _value(device, name, told)
+    value = _value(device, name, given)
     if command is None or "rw" not in command.access or not device.face.allowed(command, value):
         raise UsageError(
-            f"{station}: [station.sim] settings: {name} = {told} is nothing that a {device.family.name} can begin with"
+            f"{station}: [station.sim] settings: {name} = {given} is nothing that a {device.family.name} can begin with"
         )
     ports = [0] if command.scope is Scope.STATION else list(device.face.ports)
     tools = [tool for tool in device.family.tools if tool] if command.scope is Scope.TOOL else [0]
     for port in ports:
         for tool in tools:
-            device.face.apply(Asked(command, "", port, tool), value, now)
+            device.face.apply(TableRequest(command, "", port, tool), value, now)
     device.face.keep()
 
 
-def _value(device: Device, name: str, told: int | float | str) -> Value:
-    if name == "status" and isinstance(told, str):
-        return device.family.status.orders.get(told, told)
-    return OFF if told == "off" and name.endswith("_delay") else told
+def _value(device: Device, name: str, given: int | float | str) -> Value:
+    if name == "status" and isinstance(given, str):
+        return device.family.status.orders.get(given, given)
+    return OFF if given == "off" and name.endswith("_delay") else given
 
 
 KNOWN_QUESTIONS = 512  # cached requests; the same ones recur
@@ -144,7 +144,7 @@ class Reply(NamedTuple):
     data: bytes
 
 
-class Pace:
+class LineTiming:
     """Transmission times on a full-duplex line that carries one character after the other."""
 
     __slots__ = ("_character_s", "_heard", "_said", "_turnaround_s")
@@ -174,21 +174,21 @@ class VirtualStation:
         self.name = spec.name
         self.seed = next(given for given in (seed, sim.seed, crc32(spec.name.encode())) if given is not None)
         self.device = build_device(spec, now, self.seed)
-        self.faults = Tape(sim.fault, self.seed)
-        self._pace = Pace(line.character_s if sim.wire else 0.0, sim.turnaround_ms / 1000)
+        self.faults = FaultSchedule(sim.fault, self.seed)
+        self._pace = LineTiming(line.character_s if sim.wire else 0.0, sim.turnaround_ms / 1000)
         self._reader = FrameReader()
         self._whole = True  # the reader holds no partial frame
         self._known: dict[bytes, Frame] = {}
 
     @property
-    def log(self) -> WireLog:
+    def log(self) -> StationLog:
         return self.device.log
 
     @property
     def plant(self) -> Plant:
         """The physics of a soldering station. Raises `TypeError` on another."""
         face = self.device.face
-        if not isinstance(face, SolderingFace):
+        if not isinstance(face, SolderingModel):
             raise TypeError(f"{self.name} is no soldering station")
         return face.plant
 
@@ -203,7 +203,7 @@ class VirtualStation:
     def advance_to(self, moment: float) -> None:
         """Simulate physics and faults without a request."""
         for change in self.faults.changes(moment):
-            happen(change, self.device)
+            apply_fault(change, self.device)
         self.device.face.advance_to(moment)
 
     def receive(self, data: bytes, now: float) -> list[Reply]:
@@ -260,13 +260,13 @@ class VirtualStation:
         if self.faults.zero is None:
             self.faults.start(heard)
         for change in self.faults.changes(heard):
-            happen(change, self.device)
+            apply_fault(change, self.device)
 
     def _send(self, clean: bytes, struck: list[FaultSpec], heard: float) -> Reply | None:
         """Send an answer, after applying its faults."""
         sent, late_s = self.faults.spoil(clean, struck) if struck else (clean, 0.0)
         if struck:
-            self.log.struck.extend(Struck(heard, fault.kind, clean, sent) for fault in struck)
+            self.log.struck.extend(FaultyAnswer(heard, fault.kind, clean, sent) for fault in struck)
         if not sent:
             return None
         at = self._pace.said(len(sent), heard + late_s)

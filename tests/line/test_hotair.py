@@ -13,7 +13,7 @@ from jbclog.guard.lease import StationLease
 from jbclog.guard.run_guard import lease_of
 from jbclog.protocol.commands.command import Command
 from jbclog.session.run.setting import listed
-from jbclog.sim.hotair import AirFace, AirStation
+from jbclog.sim.hotair import AirModel, AirStation
 from support.oracles.account import assert_account_holds, reasons_in, wrong_values
 from support.virtual.lines import AIR, hot_air, plant
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
@@ -489,13 +489,13 @@ def test_the_safe_order_does_not_wait_for_a_reading_of_the_status() -> None:
 
 
 def test_a_word_that_keeps_suction_and_is_refused_is_followed_by_the_plain_one_then_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    takes = AirFace.allowed
+    takes = AirModel.allowed
 
     def refuses(words: list[tuple[int, ...]]) -> None:
-        def allowed(face: AirFace, command: Command, value: Value) -> bool:
+        def allowed(face: AirModel, command: Command, value: Value) -> bool:
             return not (command.name == "status" and value in words) and takes(face, command, value)
 
-        monkeypatch.setattr(AirFace, "allowed", allowed)
+        monkeypatch.setattr(AirModel, "allowed", allowed)
 
     refuses([(0, 0, 1, 1, 0)])
     run = sucking(with_keys()).go()

@@ -21,7 +21,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.core.rows import COLUMN
-from jbclog.sim.device import WireLog
+from jbclog.sim.device import StationLog
 from jbclog.sim.virtual import Reply, VirtualStation
 from support.virtual.captured_run import kept, recorded_again
 from support.virtual.virtual_run import RECIPE, Memory, VirtualRun, line_text
@@ -152,7 +152,7 @@ class Twice:
         self._count = 0
 
     @property
-    def log(self) -> WireLog:
+    def log(self) -> StationLog:
         return self._station.log
 
     def receive(self, data: bytes, now: float) -> list[Reply]:

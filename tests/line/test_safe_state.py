@@ -12,7 +12,7 @@ from jbclog.session.run import station_run as session_run
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.scan import Scanner
 from jbclog.sim.port import STAND as STANDING
-from jbclog.sim.port import Port
+from jbclog.sim.port import SimPort
 from support.oracles.account import assert_account_holds
 from support.oracles.listed_writes import strange_writes
 from support.virtual.virtual_run import RECIPE, Memory, VirtualRun, is_cold_in_extractor, line_text, prepare
@@ -225,14 +225,14 @@ def test_the_feeder_is_stopped_before_anything_else() -> None:
 
 def test_a_feeder_that_the_robot_starts_again_before_its_tool_rests_is_stopped_again(monkeypatch: pytest.MonkeyPatch) -> None:
     run = prepare(ale_line(), ALE_RECIPE + 'mode = "continuous"\n', duration_s=5)
-    feeder, order = run.station.plant.feeder, Port.order
+    feeder, order = run.station.plant.feeder, SimPort.order
 
-    def start_and_order(port: Port, state: int, extractor: bool) -> None:
+    def start_and_order(port: SimPort, state: int, extractor: bool) -> None:
         if (state, extractor) == (STANDING, False):
             feeder.start(run.driver.clock.monotonic())
         order(port, state, extractor)
 
-    monkeypatch.setattr(Port, "order", start_and_order)
+    monkeypatch.setattr(SimPort, "order", start_and_order)
     run.go()
     assert [one.text for one in run.writes][-3:] == ["WSTP00000", "WPS100001", "WSTP00000"]
     assert feeder.motor(run.driver.clock.monotonic()) == 0

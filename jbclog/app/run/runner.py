@@ -157,7 +157,7 @@ class _Run:
         return [context.facts for context in self._contexts]
 
     def conduct(self, signals: Signals) -> Result:
-        signals.tell(self._on_signal)
+        signals.notify(self._on_signal)
         try:
             self._start_guard()
         except StartRefused as refusal:

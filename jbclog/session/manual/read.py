@@ -138,7 +138,7 @@ OnReading = Callable[[Contact, ReadResult], None]
 """Takes each reading when it arrives, with its station."""
 
 
-def read_value(target: Target, name: str, asked: Place, tell: OnReading) -> Steps[None]:
+def read_value(target: Target, name: str, asked: Place, on_reading: OnReading) -> Steps[None]:
     """Read the value of that name at each place addressed.
 
     Raises `StartRefused` where no usable station answers or the family has no such value, and `LinkError`.
@@ -146,14 +146,14 @@ def read_value(target: Target, name: str, asked: Place, tell: OnReading) -> Step
     contact = yield from open_contact(target)
     command = found_after_all(contact, lambda: find(name, contact.family, readable))
     for place in (yield from places(contact, command, asked)):
-        tell(contact, (yield from _reading(contact, command, place)))
+        on_reading(contact, (yield from _reading(contact, command, place)))
 
 
-def read_all(target: Target, tell: OnReading) -> Steps[None]:
+def read_all(target: Target, on_reading: OnReading) -> Steps[None]:
     """Read everything that can be read without side effect, at every place. Raises as `read_value` does."""
     contact = yield from open_contact(target)
     for command, place in (yield from everywhere(contact, harmless(contact.family))):
-        tell(contact, (yield from _reading(contact, command, place)))
+        on_reading(contact, (yield from _reading(contact, command, place)))
 
 
 def harmless(family: Family) -> list[Command]:

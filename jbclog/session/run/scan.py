@@ -164,7 +164,7 @@ class Scanner:
             self._lacks(probe, scan, error)
         except (StationError, LinkError) as error:
             why = self._why_unread(probe, scan, error)
-            self.unread(probe, scan, why, sent=not isinstance(error, Refusal), told=str(error) if why == error.reason else "")
+            self.unread(probe, scan, why, sent=not isinstance(error, Refusal), error_text=str(error) if why == error.reason else "")
             if isinstance(error, LinkError | StationSilent | RobotModeOff):
                 raise
         except BaseException:  # the run's end in mid-request: it may be sent again, except for flags
@@ -220,10 +220,10 @@ class Scanner:
         elif probe.reading.counter is not None:
             self._count(probe, value)
 
-    def unread(self, probe: SignalRead, scan: PortScan, why: str, *, sent: bool = False, told: str = "") -> None:
+    def unread(self, probe: SignalRead, scan: PortScan, why: str, *, sent: bool = False, error_text: str = "") -> None:
         """Account for a due reading without a value; `sent`: the station may have sent an answer that was lost.
 
-        `told` is the error's text, for the event.
+        `error_text` is the error's text, for the event.
         """
         probe.missed[why] = probe.missed.get(why, 0) + 1
         for column in probe.reading.columns:
@@ -234,7 +234,9 @@ class Scanner:
             scan.alarms.lost(self._context.now, why)
         if why not in EXPECTED and not probe.failing:
             probe.failing = True  # one event for a series of failures; the rows have each
-            self._context.note(f"read.{why}", Severity.WARNING, _sentence(probe, why), port=probe.port.number, raw=told or None)
+            self._context.note(
+                f"read.{why}", Severity.WARNING, _sentence(probe, why), port=probe.port.number, raw=error_text or None
+            )
 
     def _count(self, probe: SignalRead, value: Value) -> None:
         if isinstance(value, int | float) and probe.reading.counter is not None:
@@ -274,11 +276,11 @@ class Scanner:
 
 
 def _sentence(probe: SignalRead, why: str) -> str:
-    told = {
+    texts = {
         "timeout": "no answer came in time",
         "bcc": "the check byte of every answer was wrong",
         "format": "what came back was no answer to it",
         "implausible": "the value cannot be true, or was another when asked again",
     }
     refused = f"the station refused it ({why})" if why.startswith("nak") else why
-    return f"The {probe.question.title()} could not be read: {told.get(why, refused)}."
+    return f"The {probe.question.title()} could not be read: {texts.get(why, refused)}."

@@ -13,7 +13,7 @@ from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.robot import Station
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
-from jbclog.sim.hotair import AirFace
+from jbclog.sim.hotair import AirModel
 from jbclog.sim.port import WORKING as AT_WORK
 from jbclog.sim.virtual import VirtualStation
 from jbclog.transport.virtual import Peer
@@ -28,7 +28,7 @@ def station(family: str = "dde", tools: tuple[int, ...] = (1, 2), sim: str = "")
         f'[line]\nname = "x"\n[[station]]\nname = "s"\nurl = "s"\nfamily = "{family}"\n[station.sim]\ntools = {{{plugged}}}\n{sim}'
     )
     made = VirtualStation(parse_line(text, Path("line.toml")).stations[0], now=0.0)
-    if isinstance(made.device.face, AirFace):
+    if isinstance(made.device.face, AirModel):
         made.device.face.station.order((0, 0, 0, 0, 1))
         return made
     for port in made.plant.ports.values():

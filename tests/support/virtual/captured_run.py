@@ -18,7 +18,7 @@ from jbclog.record.capture_recorder import Keep, WireRecorder
 from jbclog.record.manifest import Manifest, write_manifest
 from jbclog.session.run.context import SessionContext, StationTask
 from jbclog.session.run.station_run import run_station
-from jbclog.sim.replayed_station import TapeStation
+from jbclog.sim.replayed_station import ReplayedStation
 from jbclog.transport.session_history import Divergence, captured
 from jbclog.transport.virtual import Peer, VirtualDriver
 from support.virtual.virtual_run import RECIPE, Memory, VirtualRun, prepare
@@ -116,7 +116,7 @@ class Handing:
     """A taped station behind a port: each answer comes a little before or after its moment, and some come much later, as on a
     host that does other things."""
 
-    def __init__(self, station: TapeStation, most_s: float, stalls: Sequence[float] = (), seed: int = 1) -> None:
+    def __init__(self, station: ReplayedStation, most_s: float, stalls: Sequence[float] = (), seed: int = 1) -> None:
         """`stalls`: seconds that every hundredth answer is held up, one after the other, again from the first."""
         self.station = station
         self._most_s = most_s
@@ -141,14 +141,14 @@ class Handing:
 
 def recorded_again(
     folder: Path, most_s: float = 0.0, stalls: Sequence[float] = (), longer_s: float = 0.0
-) -> tuple[Memory, dict[str, TapeStation]]:
+) -> tuple[Memory, dict[str, ReplayedStation]]:
     """A recorded run, served and recorded again by sessions that know nothing of it; each answer up to `most_s` early or late.
 
     The new run has the rates that came of the recorded one, and goes on `longer_s` longer.
     """
     recording, clock = open_recording(folder), VirtualClock(5000.0)
     replay = recording.replay
-    memory, driver, stations = Memory(), VirtualDriver(clock), dict[str, TapeStation]()
+    memory, driver, stations = Memory(), VirtualDriver(clock), dict[str, ReplayedStation]()
     for order in orders(plan_of(recording), clock.monotonic()):
         rate, name = replay.rate_hz.get(order.name, order.rate), order.name
         longer = None if order.duration_s is None else order.duration_s + longer_s

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from jbclog.core.rows import COLUMN, EventRow
-from jbclog.sim.hotair import AirFace, AirStation
+from jbclog.sim.hotair import AirModel, AirStation
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
 
 
@@ -44,7 +44,7 @@ def hot_air(sim: str = "", keys: str = "", recipe: str = AIR, **more: object) ->
 def plant(run: VirtualRun) -> AirStation:
     """The physics behind the station."""
     face = run.station.device.face
-    assert isinstance(face, AirFace)
+    assert isinstance(face, AirModel)
     return face.station
 
 

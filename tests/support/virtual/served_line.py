@@ -12,12 +12,12 @@ from typing import Self
 from jbclog.config.line import load_line
 from jbclog.core.quantities import Value
 from jbclog.protocol.commands.status import STAND
-from jbclog.sim.device import Written
+from jbclog.sim.device import AcceptedWrite
 from jbclog.sim.port import STAND as STANDING
-from jbclog.sim.port import WORKING, Port
-from jbclog.sim.serve import Server, WireFile
+from jbclog.sim.port import WORKING, SimPort
+from jbclog.sim.serve import ByteLog, Server
 from jbclog.sim.setup import SERVED_LINE, set_up
-from jbclog.sim.soldering import SolderingFace
+from jbclog.sim.soldering import SolderingModel
 from jbclog.sim.virtual import VirtualStation
 
 FOUR_TOOLS = """
@@ -158,7 +158,7 @@ class ServedLine:
         self.path = folder / "served" / SERVED_LINE
         self._line = load_line(source)
         self.stations: dict[str, VirtualStation] = {}
-        self._wire_file = WireFile(self.log) if self.log else None
+        self._wire_file = ByteLog(self.log) if self.log else None
         self._server: Server | None = None
         self._thread: Thread | None = None
 
@@ -189,7 +189,7 @@ class ServedLine:
         return sorted(found, key=lambda order: order.at)
 
     @staticmethod
-    def _order(station: str, write: Written) -> Order:
+    def _order(station: str, write: AcceptedWrite) -> Order:
         return Order(write.at, station, write.port, write.name, write.value)
 
     def questions(self) -> int:
@@ -200,9 +200,9 @@ class ServedLine:
         """Whether the feeder of this station turns now."""
         return self.stations[name].plant.feeder.motor(time.monotonic()) != 0
 
-    def tools(self) -> list[Port]:
+    def tools(self) -> list[SimPort]:
         """All tools, with the ports that they are in."""
-        soldering = (one for one in self.stations.values() if isinstance(one.device.face, SolderingFace))
+        soldering = (one for one in self.stations.values() if isinstance(one.device.face, SolderingModel))
         return [port for station in soldering for port in station.plant.ports.values() if port.tool]
 
     def at_work(self) -> int:

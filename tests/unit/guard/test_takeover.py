@@ -59,21 +59,21 @@ def spared(task: SafetyTask) -> None:
 
 def put(task: SafetyTask) -> None:
     for tool in task.tools:
-        tool.tell(STAND)
+        tool.note_order(STAND)
         tool.reached, tool.status = SafetyResult.VERIFIED, STAND
 
 
 def fallen_back(task: SafetyTask) -> None:
     for tool in task.tools:
-        tool.tell(EXTRACTOR)
+        tool.note_order(EXTRACTOR)
         tool.pass_over(EXTRACTOR, "extractor was refused")
-        tool.tell(STAND)
+        tool.note_order(STAND)
         tool.reached, tool.status = SafetyResult.VERIFIED, STAND
 
 
 def sent(task: SafetyTask) -> None:
     for tool in task.tools:
-        tool.tell(STAND)
+        tool.note_order(STAND)
         tool.reached = SafetyResult.SENT
 
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import pytest
 
-from jbclog.sim.hotair import COLD_C, STILL_W_PER_K, STREAM_W_PER_K, AirCharacter, AirStation, Heater, Probe
-from jbclog.sim.tip import Joints
+from jbclog.sim.hotair import COLD_C, STILL_W_PER_K, STREAM_W_PER_K, AirStation, AirTraits, Heater, Thermocouple
+from jbclog.sim.tip import JointSchedule
 
 ON, OFF, COOLING = (0, 0, 0, 0, 1), (0, 0, 0, 0, 0), (0, 0, 0, 1, 0)
 ON_WITH_SUCTION = (0, 0, 1, 0, 1)
 
 
 def station(per_minute: float = 0.0, seconds: float = 5.0, **character: object) -> AirStation:
-    joints = Joints(per_minute, seconds, 1)
-    return AirStation(0.0, 1, Heater(23.0, 900.0), joints, AirCharacter(**character))  # type: ignore[arg-type]
+    joints = JointSchedule(per_minute, seconds, 1)
+    return AirStation(0.0, 1, Heater(23.0, 900.0), joints, AirTraits(**character))  # type: ignore[arg-type]
 
 
 def hot(made: AirStation, seconds: float = 30.0) -> AirStation:
@@ -72,7 +72,7 @@ def test_what_it_cannot_reach_it_does_not_reach() -> None:
 
 
 def test_a_thermocouple_follows_the_air_with_a_lag() -> None:
-    probe = Probe(23.0)
+    probe = Thermocouple(23.0)
     probe.step(1.0, 350.0, on_work=True)
     after_one = probe.temperature_c
     assert 60 < after_one < 100

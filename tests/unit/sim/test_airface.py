@@ -9,7 +9,7 @@ import pytest
 
 from jbclog.config.line import StationSpec
 from jbclog.config.sim_spec import SimSpec
-from jbclog.sim.hotair import AirFace, AirStation
+from jbclog.sim.hotair import AirModel, AirStation
 from jbclog.sim.virtual import VirtualStation
 
 T0 = 1000.0
@@ -23,7 +23,7 @@ def station(**sim: object) -> VirtualStation:
 
 def physics(asked: VirtualStation) -> AirStation:
     face = asked.device.face
-    assert isinstance(face, AirFace)
+    assert isinstance(face, AirModel)
     return face.station
 
 

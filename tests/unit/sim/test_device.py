@@ -11,7 +11,7 @@ from jbclog.config.line import StationSpec
 from jbclog.config.sim_spec import SimSpec
 from jbclog.core.errors import UsageError
 from jbclog.core.quantities import OFF
-from jbclog.sim.device import Written
+from jbclog.sim.device import AcceptedWrite
 from jbclog.sim.virtual import VirtualStation
 
 T0 = 1000.0
@@ -186,12 +186,12 @@ def test_writes_are_read_back_and_logged() -> None:
     assert answers == ["AST100330", "AA12-0012", "AD1299999", "AHA100380", "AHD101.60", "APS100001"]
     assert told(asked, "RST2") == "AST200350"  # the other port is left alone
     assert asked.log.writes == [
-        Written(T0, "selected_temperature", 1, 0, 330),
-        Written(T0, "adjust", 1, 2, -12),
-        Written(T0, "sleep_delay", 1, 2, OFF),
-        Written(T0, "alarm_high_limit", 1, 0, 380),
-        Written(T0, "alarm_high_delay", 1, 0, 1.6),
-        Written(T0, "status", 1, 0, (0, 0, 0, 0, 1)),
+        AcceptedWrite(T0, "selected_temperature", 1, 0, 330),
+        AcceptedWrite(T0, "adjust", 1, 2, -12),
+        AcceptedWrite(T0, "sleep_delay", 1, 2, OFF),
+        AcceptedWrite(T0, "alarm_high_limit", 1, 0, 380),
+        AcceptedWrite(T0, "alarm_high_delay", 1, 0, 1.6),
+        AcceptedWrite(T0, "status", 1, 0, (0, 0, 0, 0, 1)),
     ]
     assert asked.log.reads == 7
 

@@ -7,14 +7,14 @@ from itertools import pairwise
 import pytest
 
 from jbclog.sim.plant import Feeder, Plant, StationSettings
-from jbclog.sim.port import STAND, WORKING, Port
-from jbclog.sim.tip import NEVER, Joints, Tip
+from jbclog.sim.port import STAND, WORKING, SimPort
+from jbclog.sim.tip import NEVER, JointSchedule, Tip
 
 T0 = 1000.0
 
 
 def plant(counts: dict[str, float] | None = None) -> Plant:
-    ports = {number: Port(T0, 2, Tip(23.0, 130.0), Joints(0.0, 1.5, number)) for number in (1, 2)}
+    ports = {number: SimPort(T0, 2, Tip(23.0, 130.0), JointSchedule(0.0, 1.5, number)) for number in (1, 2)}
     return Plant(T0, ports, Feeder(), StationSettings(500, 90), counts or {})
 
 
@@ -106,7 +106,7 @@ def test_the_transformer_warms_with_all_ports() -> None:
 
 
 def test_joints_are_even_and_never_begin_before_their_time() -> None:
-    joints = Joints(12.0, 1.5, 3, T0)
+    joints = JointSchedule(12.0, 1.5, 3, T0)
     moment, found = T0, []
     while len(found) < 60:
         joint = joints.after(moment)
@@ -116,4 +116,4 @@ def test_joints_are_even_and_never_begin_before_their_time() -> None:
     assert found[-1].start - T0 == pytest.approx(300, abs=5)
     assert all(later.start > earlier.end for earlier, later in pairwise(found))
     assert joints.after(found[30].start) == found[31]
-    assert Joints(0.0, 1.5, 3).after(T0) == NEVER
+    assert JointSchedule(0.0, 1.5, 3).after(T0) == NEVER

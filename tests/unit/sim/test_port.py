@@ -8,17 +8,17 @@ from random import Random
 import pytest
 
 from jbclog.core.quantities import OFF
-from jbclog.sim.port import HIBERNATION, SLEEP, STAND, WORKING, Character, Port
-from jbclog.sim.tip import Comparator, Joints, Tip
+from jbclog.sim.port import HIBERNATION, SLEEP, STAND, WORKING, PortTraits, SimPort
+from jbclog.sim.tip import Comparator, JointSchedule, Tip
 
 T0 = 1000.0
 
 
-def port(joints_per_minute: float = 0.0, **character: object) -> Port:
-    return Port(T0, 2, Tip(23.0, 130.0), Joints(joints_per_minute, 1.5, 7, T0), Character(**character))  # type: ignore[arg-type]
+def port(joints_per_minute: float = 0.0, **character: object) -> SimPort:
+    return SimPort(T0, 2, Tip(23.0, 130.0), JointSchedule(joints_per_minute, 1.5, 7, T0), PortTraits(**character))  # type: ignore[arg-type]
 
 
-def working(made: Port, seconds: float = 20.0) -> Port:
+def working(made: SimPort, seconds: float = 20.0) -> SimPort:
     made.order(WORKING, False)
     made.advance_to(made.now + seconds)
     return made
@@ -137,7 +137,7 @@ def test_joints_come_only_while_it_works_hot_and_show_in_the_reading() -> None:
 
 def test_the_same_seed_gives_the_same_joints() -> None:
     def told(seed: int) -> list[int]:
-        made = Port(T0, 2, Tip(23.0, 130.0), Joints(12.0, 1.5, seed, T0), Character(0.5, noise=Random(seed)))
+        made = SimPort(T0, 2, Tip(23.0, 130.0), JointSchedule(12.0, 1.5, seed, T0), PortTraits(0.5, noise=Random(seed)))
         made.order(WORKING, False)
         values = []
         for n in range(300):

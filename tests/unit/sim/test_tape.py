@@ -8,8 +8,8 @@ from math import inf
 import pytest
 
 from jbclog.core.capture_rows import CaptureRow, LinkRow, LinkRowKind, ResultRow
-from jbclog.sim.recorded_wire import Ticks, exchanges
-from jbclog.sim.replayed_station import TapeStation
+from jbclog.sim.recorded_exchanges import RecordedGrid, exchanges
+from jbclog.sim.replayed_station import ReplayedStation
 
 Q1, Q2, A1, A2, A3 = b"\x02RTT1\x03a", b"\x02RPP1\x03b", b"\x02ATT100350\x03", b"\x02ATT100351\x03", b"\x02APP100100\x03"
 
@@ -22,8 +22,8 @@ def tape(*rows: CaptureRow) -> list[CaptureRow]:
     return [ResultRow(0.5, "told", "wait"), row(1.0, "opened"), *rows]
 
 
-def station(rows: Sequence[CaptureRow], early_s: float = 0.0, ticks: Ticks | None = None) -> TapeStation:
-    return TapeStation("dde-1", lambda: rows, early_s, ticks)
+def station(rows: Sequence[CaptureRow], early_s: float = 0.0, ticks: RecordedGrid | None = None) -> ReplayedStation:
+    return ReplayedStation("dde-1", lambda: rows, early_s, ticks)
 
 
 TWO = tape(
@@ -215,7 +215,7 @@ ORDERED = tape(
 )
 
 
-def said(one: TapeStation, *questions: bytes) -> list[bytes]:
+def said(one: ReplayedStation, *questions: bytes) -> list[bytes]:
     return [reply.data for number, question in enumerate(questions) for reply in one.receive(question, 10.0 + number)]
 
 
@@ -247,7 +247,7 @@ def test_the_client_that_missed_a_tick_gets_the_values_of_the_one_it_is_at() -> 
         for number in range(60)
         for one in (row(5.0 + 0.1 * number, "sent", question), row(5.01 + 0.1 * number, "heard", reading(number)))
     ]
-    one = station(tape(*rows), ticks=Ticks(5.0, 0.1))
+    one = station(tape(*rows), ticks=RecordedGrid(5.0, 0.1))
     moments = [number for number in range(50) if number not in (20, 21, 35)]
     found = [int(reply.data[-7:-2]) for number in moments for reply in one.receive(question, 70.0 + 0.1 * number)]
     assert found == moments
@@ -283,21 +283,21 @@ def asked(at_s: float, question: bytes, *answers: bytes) -> list[CaptureRow]:
     return found
 
 
-def with_model(turns: dict[float, tuple[bytes, ...]], question: bytes, seconds: int = 40) -> TapeStation:
+def with_model(turns: dict[float, tuple[bytes, ...]], question: bytes, seconds: int = 40) -> ReplayedStation:
     """The model each second, where sampling began at the first, and half a second later what is given."""
     rows = [one for second in range(seconds) for one in asked(5.0 + second, MODEL, answer(b"SMN  DDE"))]
     rows += [one for at_s, answers in turns.items() for one in asked(at_s, question, *answers)]
-    return station(tape(*sorted(rows, key=lambda one: one.at_s)), ticks=Ticks(5.0, 1.0))
+    return station(tape(*sorted(rows, key=lambda one: one.at_s)), ticks=RecordedGrid(5.0, 1.0))
 
 
-def heard(one: TapeStation, question: bytes, *moments: float) -> list[bytes]:
+def heard(one: ReplayedStation, question: bytes, *moments: float) -> list[bytes]:
     return [reply.data for moment in moments for reply in one.receive(question, moment)]
 
 
 DOUBTED = {5.5: (NONE,), 15.5: (SOME, NONE), 25.5: (NONE,)}
 
 
-def at_second(one: TapeStation, question: bytes, last: int) -> None:
+def at_second(one: ReplayedStation, question: bytes, last: int) -> None:
     """Ask the model each second, and the other question behind the first."""
     for second in range(last + 1):
         one.receive(MODEL, 5.0 + second)

@@ -17,7 +17,7 @@ def test_what_comes_before_there_is_anybody_to_tell_is_told_later() -> None:
         os.kill(os.getpid(), signal.SIGALRM)
         os.kill(os.getpid(), HEARD)
         os.kill(os.getpid(), IGNORED)
-        signals.tell(told.append)
+        signals.notify(told.append)
         assert told == [signal.SIGALRM, HEARD]
         os.kill(os.getpid(), HEARD)
         assert told == [signal.SIGALRM, HEARD, HEARD]

@@ -18,8 +18,8 @@ from jbclog.session.safety import cooling
 from jbclog.session.safety.orders import in_time
 from jbclog.session.safety.secure import ALLOWED_S, secure
 from jbclog.session.safety.tools import SafetyTask
-from jbclog.sim.hotair import AirFace
-from jbclog.sim.port import SLEEP, WORKING, Port
+from jbclog.sim.hotair import AirModel
+from jbclog.sim.port import SLEEP, WORKING, SimPort
 from jbclog.sim.virtual import VirtualStation
 from support.clients.making_safe import ASKED_AT, Cable, Silent, station, task
 
@@ -354,13 +354,13 @@ def test_where_it_is_refused_stand_follows_at_once_and_is_told() -> None:
 
 
 def test_where_it_is_acknowledged_and_ignored_stand_follows_at_once_and_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    device, order = station("dme", FOUR), Port.order
+    device, order = station("dme", FOUR), SimPort.order
 
-    def ignore(port: Port, state: int, extractor: bool) -> None:
+    def ignore(port: SimPort, state: int, extractor: bool) -> None:
         if not extractor:
             order(port, state, extractor)
 
-    monkeypatch.setattr(Port, "order", ignore)
+    monkeypatch.setattr(SimPort, "order", ignore)
     made, seconds = put_in_extractor(device, *FOUR)
     assert [told_words(device, port)[-1] for port in FOUR] == [STAND] * 4
     assert {tool.fell_back for tool in made.tools} == {"extractor was acknowledged, but working was read back"}
@@ -499,7 +499,7 @@ COOL, COOL_AND_HOLD, ALL_OFF = (0, 0, 0, 1, 0), (0, 0, 1, 1, 0), (0, 0, 0, 0, 0)
 def hot_air() -> VirtualStation:
     """One that is on and holds a part."""
     device = station("jtse", (1,))
-    assert isinstance(device.device.face, AirFace)
+    assert isinstance(device.device.face, AirModel)
     device.device.face.station.suck(on=True)
     return device
 

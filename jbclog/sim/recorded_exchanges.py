@@ -23,7 +23,7 @@ EARLY_S = 1e-3  # tolerance before a tick
 ON_TIME = 0.05  # share of the period in which an undisturbed tick begins
 
 
-class Ticks(NamedTuple):
+class RecordedGrid(NamedTuple):
     """The sampling grid of a recorded station: when its first tick was due, on the recorder's clock, and its period."""
 
     first_s: float
@@ -113,14 +113,14 @@ class Contents:
     sampled: bytes = b""  # the first request of the first tick; empty if not known
 
     @classmethod
-    def of(cls, tape: Iterable[Exchange]) -> Contents:
+    def of(cls, recording: Iterable[Exchange]) -> Contents:
         found = cls()
-        for one in tape:
+        for one in recording:
             found.known[one.question] += 1
             if one.stretch >= len(found.firsts):
                 found.firsts.append(one.question)
                 found.sampled = found.sampled or (one.question if one.stretch and not is_write(one.question) else b"")
-                if one.stretch >= len(found.firsts):  # the tape begins with a write
+                if one.stretch >= len(found.firsts):  # it begins with a write
                     found.firsts.append(one.question)
             found.last_s = one.at_s
         return found
@@ -161,7 +161,7 @@ def said(one: Exchange) -> bytes:
 
 
 @dataclass(slots=True)
-class Looks:
+class RetryGroup:
     """The requests of one group, in order; never empty. `number` counts all requests up to its last."""
 
     all: list[Exchange]
@@ -184,7 +184,7 @@ class Looks:
     def has_flags(self) -> bool:
         return any(has_flags(one) for one in self.all)
 
-    def goes_on_with(self, one: Exchange, number: int) -> bool:
+    def includes(self, one: Exchange, number: int) -> bool:
         """Whether `one` belongs to this group."""
         last, behind = self.all[-1], number - self.number
         if (one.question, one.stretch) != (self.question, self.stretch) or last.lost_s is not None or len(self.all) == MOST:
@@ -211,13 +211,13 @@ class Looks:
         return last if is_proven else before
 
 
-def looks(tape: Iterable[Exchange], ticks: Ticks | None = None, sampled: bytes = b"") -> Iterator[Looks]:
+def retry_groups(recording: Iterable[Exchange], ticks: RecordedGrid | None = None, sampled: bytes = b"") -> Iterator[RetryGroup]:
     """Yield the groups of a capture, by their begin. Ticks begin with the request `sampled`."""
-    waiting: list[Looks] = []
-    for number, one in enumerate(tape):
-        group = next((group for group in waiting if group.goes_on_with(one, number)), None)
+    waiting: list[RetryGroup] = []
+    for number, one in enumerate(recording):
+        group = next((group for group in waiting if group.includes(one, number)), None)
         if group is None or (one.question == sampled and _is_next_tick(ticks, group, one)):
-            waiting.append(Looks([one], number, is_understood(one)))
+            waiting.append(RetryGroup([one], number, is_understood(one)))
         else:
             group.add(one, number)
         while waiting and waiting[0].is_over(number):
@@ -225,6 +225,6 @@ def looks(tape: Iterable[Exchange], ticks: Ticks | None = None, sampled: bytes =
     yield from waiting
 
 
-def _is_next_tick(ticks: Ticks | None, group: Looks, one: Exchange) -> bool:
+def _is_next_tick(ticks: RecordedGrid | None, group: RetryGroup, one: Exchange) -> bool:
     """Whether a tick begins here, which matters where a station has only one signal."""
     return ticks is not None and ticks.is_on_time(one.at_s) and ticks.number(one.at_s) != ticks.number(group.at_s)
