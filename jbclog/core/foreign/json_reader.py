@@ -34,12 +34,12 @@ def json_of(data: bytes | str, *, in_utf8: bool = False) -> Any:
     if text.count("{") + text.count("[") > MOST_OBJECTS:
         raise ValueError(f"it has more than {MOST_OBJECTS} objects and lists")
     try:
-        told = (_CAREFUL if _DOUBTFUL.search(text) else _PLAIN).decode(text)
+        parsed = (_CAREFUL if _DOUBTFUL.search(text) else _PLAIN).decode(text)
         if in_utf8 and _HALF.search(text):
-            json.dumps(told, ensure_ascii=False).encode()
+            json.dumps(parsed, ensure_ascii=False).encode()
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
-    return told
+    return parsed
 
 
 def read_json(path: Path, kind: Kind, *, links: bool = False, in_utf8: bool = False) -> Any:
