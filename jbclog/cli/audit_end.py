@@ -17,7 +17,7 @@ from jbclog.maintenance.counter_totals.observed import Standing
 from jbclog.maintenance.due import State, TaskState
 from jbclog.maintenance.fleet import ABSENT, Finding, FleetAudit, Meter, StationAudit, exit_code
 from jbclog.report.audit.files import plain_audit, sheet_of
-from jbclog.report.audit.overview import STATES, DueRow, at_a_glance, day, of_life, percent, window
+from jbclog.report.audit.overview import STATES, DueRow, day, of_life, overview_of, percent, window
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -36,7 +36,7 @@ def lines(audit: FleetAudit) -> Iterator[str]:
 
 
 def _lines(audit: FleetAudit) -> Iterator[str]:
-    glance = at_a_glance(audit)
+    glance = overview_of(audit)
     yield " ".join(glance.headline[1:]).strip()
     several = len({one.line for one in audit.stations}) > 1
     names = {id(row): f"{row.station.line}/{row.station.station}" if several else row.station.station for row in glance.rows}

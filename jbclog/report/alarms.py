@@ -11,12 +11,11 @@ from typing import Final
 
 from jbclog.analysis.run import Run
 from jbclog.analysis.run_alarms import TABLE, Alarms
+from jbclog.report.text import Row
 
 WITNESSES: Final = {"A": "flag", "B": "samples", "C": "excursion"}
 COLUMNS: Final = tuple(TABLE)  # of tables/alarms.csv
 AFTERWARDS: Final = "C"
-
-Row = dict[str, object]
 
 
 @dataclass(slots=True)

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from jbclog.report.text import measured, number
-
-Row = Mapping[str, object]
+from jbclog.report.text import RowView, measured, number
 
 NEVER, SELDOM = 0.95, 0.5  # the share of the joints that the next one followed before the tip was back
 ENOUGH: Final = 5  # joints, below which no share is stated
@@ -25,7 +23,7 @@ NOTE: Final = (
 )
 
 
-def jointed(report: Mapping[str, object]) -> list[Row]:
+def jointed(report: Mapping[str, object]) -> list[RowView]:
     """Return a row for each port whose joints were looked for: `station`, `port` and `joints`."""
     return [
         {"station": station["name"], "port": port["port"], "joints": port["joints"]}
@@ -45,13 +43,13 @@ def never_back(late: int, seen: int, deficit_c: float | None) -> str | None:
     return f"This line {how}: after {late} of {seen} joints the next one began before the tip was back{begins}."
 
 
-def never_back_at(rows: Sequence[Row]) -> list[str]:
+def never_back_at(rows: Sequence[RowView]) -> list[str]:
     """Return these sentences of all ports, each with its place."""
     found = [(row, _mapping(row["joints"]).get("never_back")) for row in rows]
     return [f"{row['station']} port {row['port']}: {text}" for row, text in found if text is not None]
 
 
-def found_with(rows: Sequence[Row]) -> list[str]:
+def found_with(rows: Sequence[RowView]) -> list[str]:
     """Return what counts as a joint, what of it was learned from the run, and where the feeder decides: a sentence each."""
     texts: dict[str, list[str]] = {}
     fed: list[str] = []
@@ -64,7 +62,7 @@ def found_with(rows: Sequence[Row]) -> list[str]:
     return [*criteria, *_regular(rows), *([f"Each feed of the feeder is a joint: {', '.join(fed)}."] if fed else [])]
 
 
-def _regular(rows: Sequence[Row]) -> list[str]:
+def _regular(rows: Sequence[RowView]) -> list[str]:
     """Return the time between joint starts that the run shows, where the recipe states none."""
     places: dict[str, list[str]] = {}
     for row in rows:
@@ -80,7 +78,7 @@ def _regular(rows: Sequence[Row]) -> list[str]:
     return [f"{text}: {'; '.join(parts)}. Not used to find joints."]
 
 
-def _found_with(taken: Row) -> str:
+def _found_with(taken: RowView) -> str:
     learnt = [str(name) for name in _items(taken.get("learnt"))]
     expected = taken.get("expected_every_s")
     parts = [
@@ -93,7 +91,7 @@ def _found_with(taken: Row) -> str:
     return f"{'; '.join(parts)}.{by_run}"
 
 
-def heat(row: Row) -> str:
+def heat(row: RowView) -> str:
     """Return the median heat of a joint, in joules where watts are known."""
     figures = _mapping(_mapping(row["joints"])["figures"])
     joules, relative = (_mapping(figures[name])["value"] for name in ("joint_heat_j", "joint_heat_permille_s"))
@@ -102,20 +100,20 @@ def heat(row: Row) -> str:
     return "–" if relative is None else f"{number(relative, 0)} ‰·s"
 
 
-def idle(row: Row) -> str:
+def idle(row: RowView) -> str:
     """Return the idle error of the port."""
     error = _mapping(_mapping(_mapping(row["joints"])["figures"]).get("idle_error_c")).get("value")
     return "not known" if not isinstance(error, float) else f"{number(round(error, 1), 1)} °C"
 
 
-def count(row: Row) -> str:
+def count(row: RowView) -> str:
     """Return the number of joints; not known where the record has gaps."""
     joints = _mapping(row["joints"])
     known = _mapping(_mapping(joints["figures"])["joints"])["value"]
     return number(joints["found"]) if known is not None else "not known"
 
 
-def remark(row: Row) -> str:
+def remark(row: RowView) -> str:
     """Return why the count is not known, whether the tip recovers, what may be no joint, and the result of the chart."""
     joints = _mapping(row["joints"])
     figures = _mapping(joints["figures"])
@@ -123,14 +121,14 @@ def remark(row: Row) -> str:
     return " ".join(str(part) for part in parts if part)
 
 
-def _not_known(joints: Row) -> str | None:
+def _not_known(joints: RowView) -> str | None:
     why = _mapping(_mapping(joints["figures"])["joints"])["why"]
     if why is None:
         return None
     return f"{'Not all joints are' if joints['found'] else 'Joints are not'} known: {str(why)[:1].lower()}{str(why)[1:]}"
 
 
-def _kind(figures: Row) -> str | None:
+def _kind(figures: RowView) -> str | None:
     unknown, alone = (_value(figures, name) for name in ("joints_kind_not_known", "joints_fed_alone"))
     drawn = (unknown or 0.0) - (alone or 0.0)
     if drawn <= 0:
@@ -138,7 +136,7 @@ def _kind(figures: Row) -> str | None:
     return f"{drawn:.0f} may be {'wipes or touches' if drawn != 1 else 'a wipe or a touch'} without solder: kind not known."
 
 
-def _feeds(figures: Row) -> list[str]:
+def _feeds(figures: RowView) -> list[str]:
     """Return how joints by heat and feeds compare; nothing without a feeder."""
     feeds, alone = _value(figures, "joints_by_feeder"), _value(figures, "joints_fed_alone")
     if feeds is None:
@@ -151,12 +149,12 @@ def _feeds(figures: Row) -> list[str]:
     return [f"Joints by heat: {heat:.0f}; feeds: {feeds:.0f}; {beside}.{only}"]
 
 
-def _value(figures: Row, name: str) -> float | None:
+def _value(figures: RowView, name: str) -> float | None:
     value = _mapping(figures.get(name)).get("value")
     return float(value) if isinstance(value, int | float) else None
 
 
-def _chart(joints: Row) -> str | None:
+def _chart(joints: RowView) -> str | None:
     if not joints["found"]:
         return None if _not_known(joints) else "No joints were found."
     if joints["signals"] is None:
@@ -166,7 +164,7 @@ def _chart(joints: Row) -> str | None:
     return f"{joints['signals']} point{'s' if joints['signals'] != 1 else ''} out of the ordinary."
 
 
-def _rows(value: object) -> Sequence[Row]:
+def _rows(value: object) -> Sequence[RowView]:
     return value if isinstance(value, list | tuple) else ()
 
 
@@ -174,5 +172,5 @@ def _items(value: object) -> Sequence[object]:
     return value if isinstance(value, list | tuple) else ()
 
 
-def _mapping(value: object) -> Row:
+def _mapping(value: object) -> RowView:
     return value if isinstance(value, Mapping) else {}

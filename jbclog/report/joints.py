@@ -25,7 +25,7 @@ from jbclog.record.manifest import manifest_sha256
 from jbclog.report.facts import FigureFacts, JointFacts
 from jbclog.report.joint_chart import draw_chart, recovery_chart
 from jbclog.report.joint_words import never_back
-from jbclog.report.text import iso
+from jbclog.report.text import Row, iso
 
 __all__ = ["COLUMNS", "JOINTS", "Joints", "joint_facts", "joints_of", "unit_rows"]
 
@@ -40,7 +40,6 @@ METRICS: Final[tuple[str, ...]] = (
 OF_JOINTS: Final = "joints"
 AT_WORK: Final = "power_mean_permille"  # without it the tool never worked and made no joints
 
-Row = dict[str, object]
 Recovery = tuple[float | None, float | None, bool | None]
 """The recovery of a joint in s, the time until the next joint, and whether the tip was back before it."""
 

@@ -19,7 +19,7 @@ from jbclog.report.joint_words import jointed, remark
 from jbclog.report.page import ENDINGS, RESULT_SIGNS, SIGNS, place, when_passed
 from jbclog.report.repeated_events import merge_repeated
 from jbclog.report.safety import short
-from jbclog.report.text import bound_text, clock, interval, measured, number, stamp, together
+from jbclog.report.text import RowView, bound_text, clock, interval, measured, number, stamp, together
 from jbclog.report.typeset import LACKING, LACKING_MEANS, drawable, pdf_of
 
 MOST_REASONS: Final = 6
@@ -55,7 +55,6 @@ COUNTERS = ("Where", "Counter", ">At the start", ">At the end", ">Difference", "
 SAFE = ("Where", "Outcome", ">Last temperature", "Meaning")
 ANNOTATIONS = ("UTC", "Who", "Kind", "What and why")
 
-Row = Mapping[str, object]
 Part = dict[str, object]
 
 
@@ -183,14 +182,14 @@ def _unkept(facts: Facts) -> list[Part]:
     return _some(RULES, unkept, MOST_ROWS, "tables/rules.csv") if facts.verdict.summary else []
 
 
-def _line(line: Row) -> Part:
+def _line(line: RowView) -> Part:
     result, unit = str(line["result"]), str(line["unit"])
     words = [str(line["name"]).replace("_", " "), measured(line["limit"], unit), f"{line['kept']} of {line['of']}"]
     words += [measured(line["worst"], unit), bound_text(line["bound"], unit), place(line), _result(result)]
     return _row(words, result)
 
 
-def _rule(rule: Row) -> Part:
+def _rule(rule: RowView) -> Part:
     result, unit = str(rule["result"]), str(rule["unit"])
     words = [str(rule["name"]).replace("_", " "), place(rule) or "run", measured(rule["limit"], unit)]
     words += [measured(rule["observed"], unit), bound_text(rule.get("bound"), unit), _result(result), str(rule["text"])]
@@ -265,7 +264,7 @@ def _joints(facts: Facts) -> list[Part]:
     ]
 
 
-def _joint(row: Row) -> Part:
+def _joint(row: RowView) -> Part:
     joints = row["joints"]
     assert isinstance(joints, Mapping)
     figures = joints["figures"]
@@ -274,7 +273,7 @@ def _joint(row: Row) -> Part:
     return _row(words)
 
 
-def _unit(row: Row) -> Part:
+def _unit(row: RowView) -> Part:
     seconds = [measured(row[name], "s") for name in ("recovery_p50_s", "recovery_slowest_s")]
     unit = str(row["unit"] or "none or not known")
     return _row([number(row["joints"]), *seconds, number(row["recovery_n"]), number(row["not_recovered"]), unit])
@@ -296,7 +295,7 @@ def _alarms(facts: Facts) -> Iterator[Part]:
     yield from _some(FIGURES, [_flood(one) for one in alarms.figures], len(alarms.figures), "")
 
 
-def _alarm(one: Row) -> Part:
+def _alarm(one: RowView) -> Part:
     limit = "" if one["limit_c"] is None else f", {'above' if one['side'] == 'high' else 'below'} {measured(one['limit_c'], '°C')}"
     lasted = "–" if one["seconds"] is None else f"{number(one['seconds'], 1)} s"
     words = [str(one["number"]), place(one), f"{one['side']}{limit}", interval(one, "onset_earliest", "onset"), lasted]
@@ -304,13 +303,13 @@ def _alarm(one: Row) -> Part:
     return _row(words, "fail" if one["waiting"] else "" if one["is_alarm"] else "quiet")
 
 
-def _acknowledged(one: Row) -> str:
+def _acknowledged(one: RowView) -> str:
     if one["acknowledged_by"] is not None:
         return f"{one['acknowledged_by']}, {stamp(str(one['acknowledged_at']))}: {one['acknowledged_why']}"
     return "not acknowledged" if one["waiting"] else "–"
 
 
-def _flood(one: Row) -> Part:
+def _flood(one: RowView) -> Part:
     apart, chattering, floods = one["apart"], one["chattering"], one["floods"]
     assert isinstance(apart, Mapping)
     assert isinstance(chattering, Mapping)
@@ -324,14 +323,14 @@ def _flood(one: Row) -> Part:
 # -- what was read, set and counted ---------------------------------------------------------------------------------------------
 
 
-def _event(event: Row) -> Part:
+def _event(event: RowView) -> Part:
     times = [clock(_or_none(event["time"]), with_day=True), clock(_or_none(event["earliest"]), with_day=True)]
     often = f" {event['times']} times until {clock(_or_none(event['until']), with_day=True)}." if "times" in event else ""
     words = [*times, place(event) or "run", str(event["severity"]), str(event["kind"]), f"{event['text']}{often}"]
     return _row(words, "grave" if event["severity"] in ("error", "critical") else "")
 
 
-def _setting(row: Row) -> Part:
+def _setting(row: RowView) -> Part:
     numbers = [number(row[name]) for name in ("requested", "written", "readback")]
     outcome = str(row["outcome"]) if row["nak"] is None else f"{row['outcome']} (N {row['nak']})"
     look = "fail" if row["outcome"] in ("mismatch", "refused", "unconfirmed") else ""
@@ -340,7 +339,7 @@ def _setting(row: Row) -> Part:
     )
 
 
-def _counter(row: Row) -> Part:
+def _counter(row: RowView) -> Part:
     numbers = [number(row[name], 1) for name in ("first", "last", "difference")]
     return _row([place(row), str(row["counter"]).replace("_", " "), *numbers, str(row["unit"]), str(row["note"])])
 

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Final
 
-Row = Mapping[str, object]
+from jbclog.report.text import RowView
 
 GRAVE: Final = ("error", "critical")
 OFTEN: Final = 3  # repetitions from which on they are merged
 
 
-def merge_repeated(events: Sequence[Row]) -> list[Row]:
+def merge_repeated(events: Sequence[RowView]) -> list[RowView]:
     """Return the events in their order; of repeated warnings only the first, with `times` and `until`."""
-    alike: dict[tuple[object, ...], list[Row]] = {}
+    alike: dict[tuple[object, ...], list[RowView]] = {}
     for event in events:
         alike.setdefault(_kind(event), []).append(event)
-    out: list[Row] = []
+    out: list[RowView] = []
     for event in events:
         these = alike[_kind(event)]
         if event["severity"] in GRAVE or len(these) < OFTEN:
@@ -26,5 +26,5 @@ def merge_repeated(events: Sequence[Row]) -> list[Row]:
     return out
 
 
-def _kind(event: Row) -> tuple[object, ...]:
+def _kind(event: RowView) -> tuple[object, ...]:
     return event["station"], event["port"], event["kind"], event["severity"], event["text"]

@@ -8,6 +8,7 @@ from typing import Final
 
 from jbclog.core.rows import StationFacts, TipCheck
 from jbclog.protocol.commands.family import FAMILIES
+from jbclog.report.text import Row
 
 MEANINGS = {
     "verified": "The safe state was confirmed.",
@@ -47,8 +48,6 @@ def end_state(facts: StationFacts, port: int, celsius: float | None, status: str
 RULE: Final = "verification"
 NONE: Final = "none"
 NOT_CITED: Final = "This record cites no verification of its tip."
-
-Row = dict[str, object]
 
 
 def verification_facts(check: TipCheck | None, rules: Sequence[Mapping[str, object]], station: str, port: int) -> Row:

@@ -12,9 +12,7 @@ from typing import Final
 from jbclog.core.text import csv_text
 from jbclog.report.alarms import COLUMNS as ALARMS
 from jbclog.report.joints import COLUMNS as JOINTS
-from jbclog.report.text import clean
-
-Row = Mapping[str, object]
+from jbclog.report.text import RowView, clean
 
 TABLES: Final[Mapping[str, Sequence[str]]] = {
     "rules": (
@@ -50,7 +48,7 @@ TABLES: Final[Mapping[str, Sequence[str]]] = {
 """Columns by table; the ledger has one more for each reason that occurs."""
 
 
-def csv_tables(document: Mapping[str, object], joints: Sequence[Row] = ()) -> dict[str, str]:
+def csv_tables(document: Mapping[str, object], joints: Sequence[RowView] = ()) -> dict[str, str]:
     """Return the text of each table by its name, from the facts as plain data and a row for each joint."""
     rows = {name: _listed(document.get(name)) for name in ("events", "settings", "counters", "metrics", "units")}
     incidents = _listed(_mapping(document.get("alarms")).get("incidents"))
@@ -67,7 +65,7 @@ def _clean(text: object) -> object:
     return clean(text) if isinstance(text, str) else text
 
 
-def _rule(row: Row) -> Row:
+def _rule(row: RowView) -> RowView:
     bound = _mapping(row.get("bound"))
     return {
         **row,
@@ -78,7 +76,7 @@ def _rule(row: Row) -> Row:
     }
 
 
-def _port(station: Row, port: Row) -> Row:
+def _port(station: RowView, port: RowView) -> RowView:
     recorded, tip, power = (_mapping(port[name]) for name in ("recorded", "tip", "power"))
     mean, spread = _mapping(tip["idle_error_bound"]), _mapping(tip["idle_sd_bound"])
     worth = {"idle_n": mean.get("n"), "idle_n_effective": mean.get("n_effective")}
@@ -86,7 +84,7 @@ def _port(station: Row, port: Row) -> Row:
     return {**station, "station": station["name"], **port, **recorded, **tip, **power, **worth, **bounds}
 
 
-def _listed(value: object) -> list[Row]:
+def _listed(value: object) -> list[RowView]:
     return [row for row in _items(value) if isinstance(row, Mapping)]
 
 
@@ -94,5 +92,5 @@ def _items(value: object) -> list[object]:
     return list(value) if isinstance(value, list | tuple) else []
 
 
-def _mapping(value: object) -> Row:
+def _mapping(value: object) -> RowView:
     return value if isinstance(value, Mapping) else {}

@@ -9,12 +9,10 @@ import pandas as pd
 
 from jbclog.record.manifest import Ledger
 from jbclog.report.facts import Omitted
-from jbclog.report.text import iso
+from jbclog.report.text import Row, iso
 
 MOST_EVENTS = 1000
 SEVERITIES = ("critical", "error", "warning", "info")
-
-Row = dict[str, object]
 
 
 def plain_rows(table: pd.DataFrame, columns: Iterable[str]) -> list[Row]:

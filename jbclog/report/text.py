@@ -8,7 +8,25 @@ from math import floor
 
 from jbclog.core.text import clean, cleaned, number, stamp, together
 
-__all__ = ["bound_text", "clean", "cleaned", "clock", "interval", "iso", "measured", "number", "stamp", "together"]
+__all__ = [
+    "Row",
+    "RowView",
+    "bound_text",
+    "clean",
+    "cleaned",
+    "clock",
+    "interval",
+    "iso",
+    "measured",
+    "number",
+    "stamp",
+    "together",
+]
+
+Row = dict[str, object]
+"""A row of a table by its columns."""
+RowView = Mapping[str, object]
+"""A row that is only read."""
 
 
 def iso(moment: datetime | None) -> str | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,26 +13,25 @@ from jbclog.analysis.verdict.rules import CONFIDENCE, JUDGED_BARE
 from jbclog.analysis.verdict.versions import is_known
 from jbclog.record.manifest import Manifest
 from jbclog.report.facts import Reason, VerdictFacts
+from jbclog.report.text import RowView
 
 NOT_APPLICABLE = "not applicable"
 FEW = 12  # rules that need no summary
 
 LEAST_IS_WORST = ("coverage", "reached", "recovered_before_next")
 
-PlainRule = Mapping[str, object]
 
-
-def summary(rules: Sequence[PlainRule]) -> list[dict[str, object]]:
+def summary(rules: Sequence[RowView]) -> list[dict[str, object]]:
     """Return one line for the rules of one limit: how many passed, and the worst; nothing where there are only a `FEW` rules."""
     if len(rules) <= FEW:
         return []
-    alike: dict[tuple[object, ...], list[PlainRule]] = {}
+    alike: dict[tuple[object, ...], list[RowView]] = {}
     for rule in rules:
         alike.setdefault((rule["name"], rule["limit"], rule["unit"]), []).append(rule)
     return [_line(these) for these in alike.values()]
 
 
-def _line(rules: Sequence[PlainRule]) -> dict[str, object]:
+def _line(rules: Sequence[RowView]) -> dict[str, object]:
     worst = _worst(rules)
     results = [str(rule["result"]) for rule in rules if rule["result"] != NOT_APPLICABLE]
     usual = "pass" if results else NOT_APPLICABLE
@@ -55,7 +54,7 @@ def _line(rules: Sequence[PlainRule]) -> dict[str, object]:
     }
 
 
-def _worst(rules: Sequence[PlainRule]) -> PlainRule | None:
+def _worst(rules: Sequence[RowView]) -> RowView | None:
     """Return the rule furthest on the wrong side, or one without any value; None where nothing is measured."""
     if rules[0]["name"] in LEAST_IS_WORST and (without := [rule for rule in rules if isinstance(rule["observed"], str)]):
         return min(without, key=lambda rule: rule["result"] != "fail")
@@ -67,7 +66,7 @@ def _worst(rules: Sequence[PlainRule]) -> PlainRule | None:
     )
 
 
-def _reading(rule: PlainRule) -> float:
+def _reading(rule: RowView) -> float:
     observed = rule["observed"]
     return float(observed) if isinstance(observed, int | float) else 0.0
 

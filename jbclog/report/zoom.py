@@ -235,7 +235,7 @@ def held_settings(trace: Trace) -> list[tuple[Span, float]]:
 
 
 def _limits(trace: Trace) -> list[list[object]]:
-    """``["high", [[seconds, 380], …]]``: each value from when it was read on; None while the alarm was off."""
+    """Return ``["high", [[seconds, 380], …]]``: each value with the time of its reading; None while the alarm was off."""
     return [
         [one.side, [[round(second - trace.start, 3), None if np.isnan(value) else value] for second, value in _limit(one)]]
         for one in trace.limits

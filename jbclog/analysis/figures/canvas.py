@@ -76,6 +76,6 @@ def svg_body(figure: Figure) -> str:
 
 
 def _shorter(path: re.Match[str]) -> str:
-    """To a hundredth of a point; a line command is understood behind another."""
+    """Return path data to a hundredth of a point, without the line commands that SVG implies."""
     data = LATER_DIGITS.sub("", path[1])
     return f' d="{" ".join((data if "C" in data or "Q" in data else data.replace("L ", "")).split())}"'

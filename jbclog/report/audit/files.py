@@ -18,6 +18,7 @@ from jbclog.core.text import csv_text
 from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import TaskState
 from jbclog.maintenance.fleet import FleetAudit, Meter, StationAudit, findings
+from jbclog.report.text import Row
 
 SCHEMA: Final = 1
 COLUMNS: Final = (
@@ -26,11 +27,9 @@ COLUMNS: Final = (
     *("due_p10", "due_p50", "due_p90", "part", "text"),
 )
 
-Row = dict[str, object]
-
 
 def sheet_of(audit: FleetAudit) -> str:
-    """The whole table as text."""
+    """Return the audit as CSV."""
     return csv_text(COLUMNS, (row for station in audit.stations for row in _rows(audit, station)))
 
 

@@ -151,7 +151,7 @@ class DueRow:
 
 
 @dataclass(frozen=True, slots=True)
-class Glance:
+class AuditOverview:
     """The headline (class, sign, words), how many stations are in each state, reasons, and the rows."""
 
     headline: tuple[str, str, str]
@@ -160,14 +160,14 @@ class Glance:
     rows: tuple[DueRow, ...]
 
 
-def at_a_glance(audit: FleetAudit) -> Glance:
+def overview_of(audit: FleetAudit) -> AuditOverview:
     """Return the overview of an audit."""
     rows = sorted((_row(at, station) for at, station in enumerate(audit.stations)), key=lambda row: row.rank)
     order = [*(STATES[state] for state in WORST_FIRST[:3]), NOT_SEEN, STATES[State.UNKNOWN], ("unknown", "–", "no task")]
     order.append(STATES[State.FINE])
     counts = [(*state, sum(row.state == state for row in rows)) for state in order]
     present = tuple(one for one in counts if one[3])
-    return Glance(_headline(audit, present), present, tuple(_reasons(audit, rows)), tuple(rows))
+    return AuditOverview(_headline(audit, present), present, tuple(_reasons(audit, rows)), tuple(rows))
 
 
 def _row(at: int, station: StationAudit) -> DueRow:

@@ -20,7 +20,7 @@ from jbclog.maintenance.counter_totals.span import NOTHING, Interval
 from jbclog.maintenance.counter_totals.totals import Difference, Kind
 from jbclog.maintenance.fleet import ABSENT, FLEET, TITLES, FleetAudit, Meter, StationAudit, UseFigure, Week
 from jbclog.report.audit import overview, plots
-from jbclog.report.audit.overview import at_a_glance, listed, span
+from jbclog.report.audit.overview import listed, overview_of, span
 
 MOST_MARKS: Final = 200
 SUPERSCRIPTS: Final = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -223,7 +223,7 @@ def page_of(audit: FleetAudit) -> str:
         .get_template("audit.html")
         .render(
             audit=audit,
-            glance=at_a_glance(audit),
+            overview=overview_of(audit),
             uses=rows,
             most=plots.scale_of(week for row in rows for week in row.station.weeks),
             notes=notes,

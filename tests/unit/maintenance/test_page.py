@@ -12,7 +12,7 @@ import pytest
 
 from jbclog.maintenance.due import State
 from jbclog.maintenance.fleet import FleetAudit
-from jbclog.report.audit.overview import at_a_glance
+from jbclog.report.audit.overview import overview_of
 from jbclog.report.audit.page import page_of
 from support.faults.hostile_names import HOSTILE, Acting
 from support.fleets import fleets
@@ -43,7 +43,7 @@ def test_the_worst_station_stands_first_and_the_headline_says_how_many() -> None
     seen = words(page_of(fleets.trouble()))
     assert "✕ 1 OVERDUE" in seen
     assert "of 8 stations, of which 2 did not answer" in seen
-    order = [row.station.station for row in at_a_glance(fleets.trouble()).rows]
+    order = [row.station.station for row in overview_of(fleets.trouble()).rows]
     assert order[:4] == ["line3-ale", "line3-dme", "line3-hde", "line3-dde-b"]
     assert order[4] == "line3-dde-c"  # never seen, before those of which something is not known
     assert order[-2:] == ["line3-jtse", "line3-nae"]
@@ -51,7 +51,7 @@ def test_the_worst_station_stands_first_and_the_headline_says_how_many() -> None
 
 def test_of_what_is_not_used_up_the_soonest_stands_first() -> None:
     late, soon = fleets.task(0, 70, pace=0.1), fleets.task(0, 40, pace=4.0)
-    rows = at_a_glance(fleets.fleet(fleets.station("a", 1, tasks=(late,)), fleets.station("b", 1, tasks=(soon,)))).rows
+    rows = overview_of(fleets.fleet(fleets.station("a", 1, tasks=(late,)), fleets.station("b", 1, tasks=(soon,)))).rows
     assert [row.station.station for row in rows] == ["b", "a"]
 
 
