@@ -4,7 +4,7 @@ no memory that is written and then executed, no file system to write but for the
     python confined.py UNIT FOLDER[:FOLDER...] COMMAND...
 
 Needs root, `systemd-analyze` (for the names behind @system-service) and libseccomp, which systemd brings. Not done: namespaces of
-the unit's own, devices, /tmp of its own (it is read-only here, but for the folders).
+the unit's own, devices. PrivateTmp is an empty /var/tmp, to which TMPDIR points: /tmp holds the folders of the test.
 """
 
 from __future__ import annotations
@@ -57,6 +57,9 @@ def main() -> None:
     libc = ctypes.CDLL(None, use_errno=True)
     if "ProtectSystem=strict" in text:
         _close_the_disk(libc, folders.split(":"))
+    if "PrivateTmp=yes" in text:
+        _must(libc.mount(b"tmpfs", b"/var/tmp", b"tmpfs", 0, None), "private /var/tmp")
+        os.environ["TMPDIR"] = "/var/tmp"
     calls, families = allowed_calls(text), directives(text, "RestrictAddressFamilies")
     if "CapabilityBoundingSet=" in text.splitlines():
         for capability in range(64):
