@@ -398,7 +398,7 @@ class Run:
         return definitions()
 
     def plot(self, station: str | None = None, port: int | None = None) -> Figure:
-        """Temperature against its setting, power below, what was not read hatched; a panel a port."""
+        """Draw each port as in the report: temperature, power, status, missing data, alarms; days (UTC) on the x axis."""
         from jbclog.analysis.plot import plot
 
         return plot(self, station, port)
