@@ -1,14 +1,14 @@
-"""What was done about tools that their recorder left, a JSON line each, in the run's folder: `recover` makes events of them.
+"""The guard's action log: JSON lines in the run's folder, which `recover` turns into events; and its messages on stderr.
 
-The file is there before anything is hot: blank lines that take the room of what may have to be written, so that a disk
-that is full by then takes it all the same. A run that is sealed meanwhile is never changed; what is said of it goes into
-its `annotations.jsonl`.
+The file is made before anything is hot and filled with blank lines, so that a full disk still takes the lines. Actions after a run
+is sealed are added to its `annotations.jsonl` instead.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import select
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -18,30 +18,32 @@ from typing import Any, Final
 
 from jbclog.core.foreign.files import Kind, expect_opened
 from jbclog.core.foreign.json_reader import read_json
+from jbclog.core.text import clean
 
 NAME: Final = "guard.jsonl"
 MANIFEST: Final = "manifest.json"
 BLANK: Final = b"\n"
 LEAST_BYTES: Final = 65536
-LINE_BYTES: Final = 512  # that one line may take
+LINE_BYTES: Final = 512  # of one line, at most
 FLAGS: Final = os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK
+STDERR = 2
 
 
 class ActionLog:
-    """Keeps lines that are on the disk when `write` returns. Where the disk takes none, the tools come first.
+    """Appends lines that are on the disk when `write` returns; if the disk fails, the guard continues.
 
-    `who` says it, where it is said of a sealed run. `is_torn`: something that was to be kept is not.
+    `who` signs annotations of a sealed run. `is_torn`: a line was lost.
     """
 
     def __init__(self, folder: Path, who: str = "jbclog guard") -> None:
         self._folder = folder
         self._who = who
         self._lock = Lock()
-        self._lines = 0  # from which on there is no room yet
+        self._lines = 0  # reserved, plus one
         self.is_torn = False
 
     def reserve(self, lines: int = 0) -> None:
-        """Have room for so many lines, in blocks that are really written; none in a sealed run. Raises `OSError`."""
+        """Reserve space on the disk for so many lines; none in a sealed run. Raises OSError."""
         if lines < self._lines or is_sealed(self._folder):
             return
         self._lines = lines + 1
@@ -52,11 +54,11 @@ class ActionLog:
                 _put(descriptor, BLANK * missing, size)
 
     def write(self, kind: str, severity: str, text: str, station: str | None = None, port: int | None = None) -> None:
-        """One line: an event of the record (docs/reference/events.md), with the time of now."""
+        """Append an event (docs/reference/events.md) with the current time. Does not raise."""
         row = {"time": time.time_ns() // 1000, "kind": kind, "severity": severity, "text": text, "station": station, "port": port}
         try:
             self._write(row)
-        except Exception:  # the disk, or for a moment no memory
+        except Exception:  # the disk, or memory refused for a moment
             try:
                 self._write(row)
             except Exception:
@@ -70,7 +72,7 @@ class ActionLog:
                 self._append(json.dumps(row).encode())
 
     def tidy(self) -> None:
-        """Give the room back that was not needed, and the file where nothing was: the run is over. Does not raise."""
+        """Release unused space when the run is over, and remove an empty file. Does not raise."""
         with suppress(OSError), self._lock:
             if not is_sealed(self._folder):
                 tidy(self._folder / NAME)
@@ -90,14 +92,14 @@ class ActionLog:
             os.close(descriptor)
 
     def _annotate(self, kind: str, text: str, station: str | None, port: int | None) -> None:
-        from jbclog.record.annotations import append  # only now: a guard that watches has no use for it
+        from jbclog.record.annotations import append  # only here: a watching guard does not load it
 
         place = "" if station is None else f"{station}: " if port is None else f"{station} port {port}: "
         append(self._folder, who=self._who, what=f"{place}{text}", why="its recorder had ended without it", kind=kind)
 
 
 def is_sealed(folder: Path) -> bool:
-    """Whether the run's record is finished, and never changes again."""
+    """Whether the run's record is sealed and never changes again."""
     try:
         return bool(read_json(folder / MANIFEST, Kind.MANIFEST)["state"] == "sealed")
     except (OSError, ValueError, LookupError, TypeError, RecursionError):
@@ -105,7 +107,7 @@ def is_sealed(folder: Path) -> bool:
 
 
 def tidy(path: Path) -> None:
-    """Cut the blank lines off; without any other there is no file. Raises `OSError`."""
+    """Cut off trailing blank lines; remove a file that has no others. Raises OSError."""
     with suppress(FileNotFoundError):
         descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW)
         try:
@@ -120,7 +122,7 @@ def tidy(path: Path) -> None:
 
 
 def _content(descriptor: int) -> bytes:
-    """What was written, without the room behind it. A line that was torn off ends here, too: the next begins anew."""
+    """Return the file without its trailing blank lines; the next line starts after a torn one."""
     return os.pread(descriptor, os.fstat(descriptor).st_size, 0).rstrip(BLANK)
 
 
@@ -129,3 +131,20 @@ def _put(descriptor: int, data: bytes, at: int) -> None:
         done = os.pwrite(descriptor, data, at)
         data, at = data[done:], at + done
     os.fsync(descriptor)
+
+
+def show(text: str) -> None:
+    """Write a line to the recorder's stderr if that takes it at once; control characters of stations and files are removed."""
+    with suppress(Exception):  # a message must never delay a rescue
+        watched = select.poll()
+        watched.register(STDERR, select.POLLOUT)
+        if any(event & select.POLLOUT for _, event in watched.poll(0)):
+            os.write(STDERR, f"{clean(f'jbclog guard: {text}')}\n".encode("utf-8", "backslashreplace")[: select.PIPE_BUF])
+
+
+def close_stream(stream: int) -> None:
+    """Point `stream` to the null device: its reader sees the end, later output is discarded."""
+    with suppress(OSError):
+        null = os.open(os.devnull, os.O_RDWR | os.O_CLOEXEC)
+        os.dup2(null, stream)
+        os.close(null)

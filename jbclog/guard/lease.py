@@ -1,32 +1,37 @@
-"""The lease: what must be made safe if nobody renews it, station by station. Kept in the run's folder while it runs."""
+"""The lease: which tools a run may leave hot, kept in the run's folder; and where this user's leases are open."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable
-from contextlib import suppress
+import time
+import zlib
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Final
 
+from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.core.foreign.json_reader import build, json_of
+from jbclog.core.locks import try_lock
 from jbclog.core.serial_line import is_one_port
-from jbclog.guard import lease_registry
 
 NAME: Final = "lease.json"
+LOCK: Final = "guard.lock"
+LOCK_RETRY_S: Final = 0.02
+REGISTRY: Final = "jbclog/open-leases"
 FLAGS: Final = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC | os.O_NOFOLLOW
 
 
 @dataclass(frozen=True, slots=True)
 class StationLease:
-    """One station whose tools a run has touched. `ports` are those that may be hot.
+    """One station with tools that a run has heated. `ports`: those that may be hot.
 
-    `model` and `software` are what the station must answer before anything is written to it. Where the name does not prove the
-    family, nothing is unless `model_accepted`: the line file accepts it, and the run has borne the family out by reads.
-    `suction` are those of the ports whose suction is on, as last confirmed, and is kept on; leases of the first release do not
-    have it.
+    Nothing is written to a station unless it answers `model` and `software`. If the model's name does not prove the family,
+    `model_accepted` must hold: the line file accepts the model, and the run confirmed the family by reads. `suction`: ports whose
+    suction was last confirmed on, and stays on; leases of the first release do not have it.
     """
 
     name: str
@@ -45,11 +50,10 @@ class StationLease:
 
     @property
     def holds(self) -> bool:
-        """Whether there is anything to be made safe."""
+        """Whether a tool or the feeder has to be made safe."""
         return bool(self.ports) or self.feeds
 
     def is_at(self, url: str) -> bool:
-        """Whether its port is the one at `url`."""
         return is_one_port(self.url, url)
 
     def to_json(self) -> str:
@@ -57,51 +61,45 @@ class StationLease:
 
     @classmethod
     def from_json(cls, text: str | bytes) -> StationLease:
-        """Raises `ValueError` where `text` is no lease, or says more than this version knows: it may be what must not be done."""
-        told = json_of(text)
-        try:
-            lease = build(cls, told)
-        except ValueError as error:
-            raise ValueError(f"no lease: {error}") from error
-        if unknown := told.keys() - {one.name for one in fields(cls)}:
-            raise ValueError(f"no lease: {', '.join(sorted(unknown))} is not known")
+        """Parse a lease. Raises ValueError, also for a key of a later version: it may forbid what this version would do."""
+        plain = json_of(text)
+        lease = build(cls, plain)
+        if unknown := plain.keys() - {one.name for one in fields(cls)}:
+            raise ValueError(f"unknown keys {', '.join(sorted(unknown))}")
         return lease
 
 
-def keep(folder: Path, stations: Iterable[StationLease]) -> None:
-    """Put the lease into the run's folder, so that the next start finds what a dead host left hot; none removes it.
-
-    The user's other runs, and `jbclog safe`, find the folder. Raises `OSError`.
-    """
+def write_leases(folder: Path, stations: Iterable[StationLease]) -> None:
+    """Replace the leases of a run and register its folder for this user; remove both if nothing is held. Raises OSError."""
     held = [station for station in stations if station.holds]
     if not held:
         with suppress(FileNotFoundError):
             (folder / NAME).unlink()
-        lease_registry.forget(folder)
+        _unregister(folder)
         return
-    _put(folder / NAME, "".join(f"{station.to_json()}\n" for station in held))
+    _replace_file(folder / NAME, "".join(f"{station.to_json()}\n" for station in held))
     _sync(folder)
-    lease_registry.note(folder)
+    _register(folder)
 
 
-def _put(path: Path, text: str) -> None:
-    """The old lease or the new one, never half of one, and nothing beside it; never through a link. Raises `OSError`."""
-    beside = path.with_name(f"{NAME}.new")
-    beside.unlink(missing_ok=True)
+def _replace_file(path: Path, text: str) -> None:
+    """Write the file as a whole, never through a link. Raises OSError."""
+    new = path.with_name(f"{NAME}.new")
+    new.unlink(missing_ok=True)
     try:
-        with os.fdopen(os.open(beside, FLAGS, 0o644), "w", encoding="utf-8") as file:
+        with os.fdopen(os.open(new, FLAGS, 0o644), "w", encoding="utf-8") as file:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
-        beside.replace(path)
+        new.replace(path)
     except OSError:
         with suppress(OSError):
-            beside.unlink()
+            new.unlink()
         raise
 
 
 def _sync(folder: Path) -> None:
-    """A name that is not synced can be gone after a power cut."""
+    """Sync the folder, so that a new name in it survives a power cut."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
         os.fsync(descriptor)
@@ -109,13 +107,13 @@ def _sync(folder: Path) -> None:
         os.close(descriptor)
 
 
-def kept(folder: Path) -> list[StationLease]:
-    """What stands in the lease in this folder, as far as it can be read; nothing where there is none."""
+def read_leases(folder: Path) -> list[StationLease]:
+    """Return the leases of a run that can be read."""
     return _read(folder)[0]
 
 
-def unreadable(folder: Path) -> str:
-    """Why the lease in this folder, or a line of it, cannot be read; empty where it can be, or there is none."""
+def why_unreadable(folder: Path) -> str:
+    """Return why the lease file, or a line of it, cannot be read; empty if it can, or does not exist."""
     return _read(folder)[1]
 
 
@@ -130,6 +128,75 @@ def _read(folder: Path) -> tuple[list[StationLease], str]:
     for number, line in enumerate(lines, 1):
         try:
             found.append(StationLease.from_json(line))
-        except ValueError:  # one that cannot be read must not hide the others
+        except ValueError:  # an unreadable line must not hide the others
             wrong = f"line {number} is no lease of a station"
     return found, wrong
+
+
+@contextmanager
+def guard_lock(folder: Path, patience_s: float = 0.0) -> Iterator[None]:
+    """Hold the guard's lock of a run, which ends with its holder. Raises RecordError if another guard keeps it."""
+    descriptor = _locked(folder, time.monotonic() + patience_s)
+    try:
+        yield
+        (folder / LOCK).unlink(missing_ok=True)
+    finally:
+        os.close(descriptor)
+
+
+def _locked(folder: Path, end: float) -> int:
+    while True:
+        descriptor = try_lock(folder / LOCK)
+        if descriptor is not None:
+            return descriptor
+        if time.monotonic() >= end:
+            raise RecordError(f"{folder} has a guard already")
+        time.sleep(LOCK_RETRY_S)
+
+
+# The registry is a folder in the user's state folder, with a link to each run that holds a lease: a later start finds runs anywhere
+# (`--out`). It may be incomplete, for example without a home folder; the lease in the run's folder decides.
+
+
+def registered_runs() -> list[Path]:
+    """Return the folders of runs with open leases; links to removed folders are deleted."""
+    registry = _registry()
+    found = []
+    with suppress(OSError):
+        for link in sorted(registry.iterdir()) if registry is not None else []:
+            target = link.readlink() if link.is_symlink() else None
+            if target is not None and target.is_dir():
+                found.append(target)
+            elif target is not None:
+                link.unlink(missing_ok=True)
+    return found
+
+
+def _registry() -> Path | None:
+    state = os.environ.get("XDG_STATE_HOME", "")
+    try:
+        return (Path(state) if Path(state).is_absolute() else Path.home() / ".local" / "state") / REGISTRY
+    except RuntimeError:
+        return None
+
+
+def _register(folder: Path) -> None:
+    registry = _registry()
+    if registry is None:
+        return
+    with suppress(OSError):
+        registry.mkdir(parents=True, exist_ok=True, mode=0o700)
+        _link(registry, folder).symlink_to(os.path.realpath(folder))
+
+
+def _unregister(folder: Path) -> None:
+    registry = _registry()
+    if registry is not None:
+        with suppress(OSError):
+            _link(registry, folder).unlink(missing_ok=True)
+
+
+def _link(registry: Path, folder: Path) -> Path:
+    """Return the link of a run; the checksum separates runs of one name in two folders."""
+    path = os.path.realpath(folder)
+    return registry / f"{folder.name}-{zlib.crc32(os.fsencode(path)):08x}"

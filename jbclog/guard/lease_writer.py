@@ -1,6 +1,6 @@
-"""What the guard wants of the disk, in a thread of its own: one that hangs must not keep it from watching.
+"""The guard's work on the disk, in a thread of its own: a hanging disk must not stop it from watching.
 
-The lease is kept there, and what opening its ports takes is loaded: at the take-over the disk may be gone.
+It writes the lease, and loads what opening the ports needs: at the take-over the disk may be gone.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease
 from jbclog.transport.opening import make_ready
 
-LINES_A_STATION = 3  # in the diary, beside one for each tool
+LINES_A_STATION = 3  # in the action log, beside one for each tool
 
 
 class LeaseWriter:
-    """Keeps the newest lease in `folder`, and room in the `action_log` for what will have to be said of it.
+    """Writes the newest leases to `folder`, and reserves space in the `action_log` for their lines.
 
-    A disk that takes none is no reason to stop watching.
+    If the disk fails, the guard watches on.
     """
 
     def __init__(self, folder: Path, action_log: ActionLog) -> None:
@@ -31,28 +31,28 @@ class LeaseWriter:
         self._changed = Condition()
         self._waiting: list[StationLease] | None = None
         self._is_writing = False
-        self._is_kept = False
-        _thread.start_new_thread(self._write_on, ())  # `Thread.start` waits for ever for one that is refused memory
+        self._is_written = False
+        _thread.start_new_thread(self._write_on, ())  # `Thread.start` waits for ever for a thread that is refused memory
 
     def put(self, stations: Iterable[StationLease]) -> None:
-        """Have these kept; does not wait."""
+        """Hand over the newest leases; does not wait."""
         with self._changed:
             self._waiting = list(stations)
             self._changed.notify_all()
 
     def settle(self, patience_s: float) -> None:
-        """Wait until the newest is kept, or was refused."""
+        """Wait until the newest leases are written, or failed."""
         with self._changed:
             self._changed.wait_for(lambda: self._waiting is None and not self._is_writing, patience_s)
 
     @property
     def was_cleared(self) -> bool:
-        """Whether somebody else has taken the lease away that was kept here."""
-        return self._is_kept and not (self._folder / lease.NAME).exists()
+        """Whether another process removed the leases written here."""
+        return self._is_written and not (self._folder / lease.NAME).exists()
 
     def _write_on(self) -> None:
         while True:
-            with suppress(Exception):  # what comes next is kept all the same
+            with suppress(Exception):
                 self._write_next()
 
     def _write_next(self) -> None:
@@ -61,14 +61,14 @@ class LeaseWriter:
             self._changed.notify_all()
             self._changed.wait_for(lambda: self._waiting is not None)
             stations, self._waiting, self._is_writing = self._waiting or [], None, True
-        self._keep(stations)
+        self._write(stations)
 
-    def _keep(self, stations: list[StationLease]) -> None:
+    def _write(self, stations: list[StationLease]) -> None:
         try:
-            lease.keep(self._folder, stations)
-            self._is_kept = any(station.holds for station in stations)
+            lease.write_leases(self._folder, stations)
+            self._is_written = any(station.holds for station in stations)
         except Exception:
-            self._is_kept = False  # no reason to stop watching
+            self._is_written = False
         with suppress(Exception):
             self._action_log.reserve(sum(len(station.ports) + LINES_A_STATION for station in stations if station.holds))
         for station in stations:

@@ -1,4 +1,4 @@
-"""Leases that nobody closed: recorder and guard both died, the host lost its power. The next start deals with them first."""
+"""Leases left open because recorder and guard both died, or the host lost power. The next start settles them first."""
 
 from __future__ import annotations
 
@@ -11,39 +11,35 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from jbclog.core.errors import RecordError
-from jbclog.guard import lease, lease_registry
+from jbclog.guard import lease
 from jbclog.guard.action_log import ActionLog
-from jbclog.guard.lease import StationLease
-from jbclog.guard.single_guard import only_one
+from jbclog.guard.lease import StationLease, guard_lock
 from jbclog.guard.takeover import CRITICAL, ERROR, INFO, TakeOver
 
-PATIENCE_S: Final = 6.0  # a guard that is just taking over has done by then
-AGAIN_S: Final = 0.1
+PATIENCE_S: Final = 6.0  # a guard at work ends within it
+RETRY_S: Final = 0.1
 
 IsRecording = Callable[[Path], bool]
 """Whether a recorder writes to the run in this folder now."""
 
 
 class LeftOver(NamedTuple):
-    """What was done about a run that had left tools as they were."""
+    """What was done about a run that left tools hot."""
 
     is_safe: bool
     text: str
 
 
 def settle(out: Path, urls: Collection[str], is_recording: IsRecording) -> list[LeftOver]:
-    """Make safe what runs of this user, and those below `out`, left hot on the ports `urls`.
-
-    A run that goes on holds its ports itself.
-    """
+    """Make safe what this user's runs, and those below `out`, left hot on the ports `urls`; skip runs in progress."""
     settled = [done for folder in unclosed(out, urls) if (done := _settle(folder, urls, is_recording)) is not None]
     return [*settled, *(_not_known(folder, why) for folder, why in _unreadable(out) if not is_recording(folder))]
 
 
 def _unreadable(out: Path) -> Iterator[tuple[Path, str]]:
-    """Folders with a lease that cannot be read, and why."""
+    """Yield folders whose lease cannot be read, and why."""
     for folder in _with_lease(out):
-        why = lease.unreadable(folder)
+        why = lease.why_unreadable(folder)
         if why:
             yield folder, why
 
@@ -55,9 +51,9 @@ def _not_known(folder: Path, why: str) -> LeftOver:
 
 
 def unclosed(out: Path | None, urls: Collection[str]) -> Iterator[Path]:
-    """The folders whose leases hold any of these ports: below `out`, and wherever this user has others."""
+    """Yield the folders with a lease on any of these ports: below `out`, and registered ones."""
     for folder in _with_lease(out):
-        if any(_is_wanted(station, urls) for station in lease.kept(folder)):
+        if any(_is_wanted(station, urls) for station in lease.read_leases(folder)):
             yield folder
 
 
@@ -65,7 +61,7 @@ def _with_lease(out: Path | None) -> list[Path]:
     below = (
         [Path(os.path.realpath(path.parent)) for path in out.glob(f"*/{lease.NAME}")] if out is not None and out.is_dir() else []
     )
-    return sorted({*below, *lease_registry.known()})
+    return sorted({*below, *lease.registered_runs()})
 
 
 def _is_wanted(station: StationLease, urls: Collection[str]) -> bool:
@@ -76,47 +72,41 @@ def _settle(folder: Path, urls: Collection[str], is_recording: IsRecording) -> L
     end = time.monotonic() + PATIENCE_S
     while not is_recording(folder):
         try:
-            with only_one(folder):
+            with guard_lock(folder):
                 return _take_over(folder, urls)
-        except RecordError:  # its guard is there, and makes it safe now
+        except RecordError:  # its guard is making it safe
             if time.monotonic() > end:
                 break
-            time.sleep(AGAIN_S)
+            time.sleep(RETRY_S)
         except OSError as error:
             return LeftOver(False, f"Run {folder.name} left tools hot, and nothing could be done about it: {error}.")
     return None
 
 
 def _take_over(folder: Path, urls: Collection[str]) -> LeftOver | None:
-    held = lease.kept(folder)
+    held = lease.read_leases(folder)
     ours = [station for station in held if _is_wanted(station, urls)]
-    if not ours:  # the guard that was there has done it meanwhile
+    if not ours:  # its guard has finished meanwhile
         return None
     action_log = ActionLog(folder, "jbclog run")
     left = TakeOver(ours, action_log, spare=True).run()
     if not action_log.is_torn:
         with suppress(OSError):
-            lease.keep(folder, [*(station for station in held if station not in ours), *left])
-    text = _tell(action_log, folder, ours, is_safe=not left)
+            lease.write_leases(folder, [*(station for station in held if station not in ours), *left])
+    text = _log_result(action_log, folder, ours, is_safe=not left)
     action_log.tidy()
     return LeftOver(not left, text)
 
 
-def _tell(action_log: ActionLog, folder: Path, stations: Collection[StationLease], *, is_safe: bool) -> str:
+def _log_result(action_log: ActionLog, folder: Path, stations: Collection[StationLease], *, is_safe: bool) -> str:
     done = "every tool is in its safe state now" if is_safe else "not every tool could be made safe"
     text = f"Run {folder.name} had left tools of {', '.join(sorted(one.name for one in stations))} as they were: {done}."
     action_log.write("guard.left_over", ERROR if is_safe else CRITICAL, text)
     return text
 
 
-# -- made safe by somebody else ----------------------------------------------------------------------------------------
-
-
 class Seen(NamedTuple):
-    """What somebody who made a station safe has read back: its model, its ports' states, whether its feeder stands.
-
-    A port without a tool has the state `None`.
-    """
+    """What was read back from a station that was made safe by hand; a port without a tool has the state None."""
 
     model: str | None
     states: Mapping[int, str | None]
@@ -124,27 +114,27 @@ class Seen(NamedTuple):
 
 
 def close(urls: Collection[str], look: Callable[[StationLease], Seen | None], is_recording: IsRecording, who: str) -> list[Path]:
-    """Close the leases on these ports as far as `look` gives what was read back; each run is told. Gives their folders."""
+    """Close the leases on these ports as far as `look` returns what was read back; return the folders of their runs."""
     return [folder for folder in unclosed(None, urls) if not is_recording(folder) and _close(folder, look, who)]
 
 
 def _close(folder: Path, look: Callable[[StationLease], Seen | None], who: str) -> bool:
-    """Whether anything of it was closed; where its guard is there, that is its own to do."""
-    with suppress(RecordError, OSError), only_one(folder):
-        held, action_log = lease.kept(folder), ActionLog(folder, who)
+    """Return whether anything was closed; a guard at work closes its own leases."""
+    with suppress(RecordError, OSError), guard_lock(folder):
+        held, action_log = lease.read_leases(folder), ActionLog(folder, who)
         left = [_without(station, look(station), action_log) for station in held]
         closed = {before: after for before, after in zip(held, left, strict=True) if after != before}
         if closed:
-            _tell(action_log, folder, closed, is_safe=not any(after.holds for after in closed.values()))
+            _log_result(action_log, folder, closed, is_safe=not any(after.holds for after in closed.values()))
             if not action_log.is_torn:
-                lease.keep(folder, left)
+                lease.write_leases(folder, left)
             action_log.tidy()
             return True
     return False
 
 
 def _without(station: StationLease, seen: Seen | None, action_log: ActionLog) -> StationLease:
-    """What the lease still holds."""
+    """Return the lease without what was seen safe."""
     if seen is None or seen.model != station.model:
         return station
     for port in station.ports:

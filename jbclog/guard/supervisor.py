@@ -1,38 +1,103 @@
-"""Keeps one guard alive for as long as a run goes on: a guard that dies is a critical event, and is replaced at once."""
+"""The recorder's end of the guard: starts it, leases what a run may leave hot, renews, and replaces a guard that dies."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
+import fcntl
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import StartRefused
+from jbclog.core.rows import StationFacts
+from jbclog.core.states import SafetyResult, StationOutcome
 from jbclog.guard import lease
 from jbclog.guard.lease import StationLease
-from jbclog.guard.process import GuardLost, GuardProcess
+from jbclog.guard.watch import BEAT, END, FAILED, READY, GuardLost
 
-REPLACED_AT_MOST: Final = 20  # whatever kills guards will not be outlived by more of them
+READY_S: Final = 10.0
+END_S: Final = 2.0
+KILL_S: Final = 0.2
+TAKEN_OVER_S: Final = 12.0
+UNANSWERED_MOST: Final = 4  # renewals: at most 1.25 s with a guard that answers none
+PIPE_SIZE: Final = 1 << 20  # Linux allows it to all users: it holds the leases of any line while the guard starts
+REPLACED_AT_MOST: Final = 20  # whatever kills 20 guards kills more
 
-Tell = Callable[[str, str], None]
-"""Is given the kind and the sentence of a critical event."""
+Report = Callable[[str, str], None]
+"""Records a critical event of a kind, with its text."""
+
+
+class RunGuard:
+    """The guard of a run from `start` to `end`; does nothing before `start`."""
+
+    def __init__(self) -> None:
+        self._supervisor: GuardSupervisor | None = None
+
+    def start(self, folder: Path, report: Report) -> None:
+        """Start it before anything is sent to a station. Raises StartRefused."""
+        self._supervisor = GuardSupervisor(folder, report)
+
+    def update(self, facts: StationFacts) -> None:
+        """Lease what may be hot. Called before the first write to a tool is sent."""
+        if self._supervisor is not None and facts.asked_safe_state:
+            self._supervisor.lease(lease_of(facts))
+
+    def renew(self) -> None:
+        if self._supervisor is not None:
+            self._supervisor.renew()
+
+    def end(self) -> None:
+        """End it after all sessions have ended by themselves."""
+        if self._supervisor is not None:
+            self._supervisor.end()
+
+    def take_over(self) -> None:
+        """Let it make tools safe after sessions failed and all ports are closed; waits for it."""
+        if self._supervisor is not None:
+            self._supervisor.take_over()
+
+
+def lease_of(facts: StationFacts) -> StationLease:
+    """Return what to make safe on a station if the recorder dies now: while its session runs, every touched tool."""
+    is_over = facts.outcome != StationOutcome.RUNNING
+    return StationLease(
+        name=facts.name,
+        url=facts.url,
+        baudrate=facts.baudrate,
+        format=facts.format,
+        address=facts.address,
+        family=facts.family,
+        model=facts.model,
+        software=facts.software,
+        safe_state=facts.asked_safe_state,
+        ports=tuple(port for port in facts.touched if not (is_over and facts.safe_state.get(port) == SafetyResult.VERIFIED)),
+        feeds=facts.may_feed,
+        model_accepted=facts.model_accepted,
+        suction=tuple(facts.suction),
+    )
 
 
 class GuardSupervisor:
-    """The guard of the run in `folder`. Raises `StartRefused` where the first one cannot be started."""
+    """Keeps one guard alive for the run in `folder`. Raises StartRefused if the first one does not start."""
 
-    def __init__(self, folder: Path, tell: Tell) -> None:
+    def __init__(self, folder: Path, report: Report) -> None:
         self._folder = folder
-        self._tell = tell
+        self._report = report
         self._leases: dict[str, StationLease] = {}
         self._replaced = 0
-        self._is_handed_over = False  # to the guard: the lease is its own from then on
+        self._is_handed_over = False  # the guard owns the lease file from then on
         self._guard: GuardProcess | None = GuardProcess(folder)
         self._guard.await_ready()
 
     @property
     def is_watching(self) -> bool:
-        """Whether there is a guard now."""
+        """Whether a guard is running."""
         return self._guard is not None
 
     @property
@@ -40,31 +105,31 @@ class GuardSupervisor:
         return self._guard.pid if self._guard else None
 
     def lease(self, station: StationLease) -> None:
-        """Tell the guard what must be made safe on a station."""
+        """Send what to make safe on a station."""
         self._leases[station.name] = station
-        self._say(lambda guard: guard.lease(station))
+        self._call(lambda guard: guard.lease(station))
 
     def renew(self) -> None:
-        """Say that the recorder lives; to be called each `RENEW_S`."""
-        self._say(lambda guard: guard.renew())
+        """Send a sign of life; to be called each `RENEW_S`."""
+        self._call(lambda guard: guard.renew())
 
     def end(self) -> None:
-        """The tools are safe, or those that are not have been told: there is nothing left to guard."""
+        """End the guard: every tool is safe, or reported as not safe."""
         if self._guard is not None:
             self._guard.end()
             self._guard = None
         if not self._is_handed_over:
-            with suppress(Exception):  # a guard that was lost, or failed at this, left it open: the next start would find tools hot
-                lease.keep(self._folder, ())
+            with suppress(Exception):  # a lost guard left the lease open: the next start would find hot tools
+                lease.write_leases(self._folder, ())
 
     def take_over(self) -> None:
-        """The recorder has failed, and its ports are closed: have the guard make safe what is leased. Waits for it."""
+        """Let the guard make leased tools safe after the recorder failed and closed its ports; waits for it."""
         self._is_handed_over = True
         if self._guard is not None:
             self._guard.take_over()
             self._guard = None
 
-    def _say(self, what: Callable[[GuardProcess], None]) -> None:
+    def _call(self, what: Callable[[GuardProcess], None]) -> None:
         if self._guard is None:
             return
         try:
@@ -77,14 +142,129 @@ class GuardSupervisor:
             self._guard.kill()
         self._guard = None
         if self._replaced >= REPLACED_AT_MOST:
-            self._tell("guard.lost", f"The guard was lost for good ({lost}); nobody makes the tools safe if this recorder dies.")
+            self._report("guard.lost", f"The guard was lost for good ({lost}); nobody makes the tools safe if this recorder dies.")
             return
         self._replaced += 1
-        self._tell("guard.lost", f"The guard was lost ({lost}); another one takes its place.")
+        self._report("guard.lost", f"The guard was lost ({lost}); another one takes its place.")
         try:
             self._guard = GuardProcess(self._folder)
             for station in self._leases.values():
                 self._guard.lease(station)
         except (GuardLost, StartRefused) as error:
             self._guard = None
-            self._tell("guard.lost", f"It could not be replaced ({error}); nobody makes the tools safe if this recorder dies.")
+            self._report("guard.lost", f"It could not be replaced ({error}); nobody makes the tools safe if this recorder dies.")
+
+
+class GuardProcess:
+    """One guard process of the run in `folder`. Raises StartRefused if the system starts none.
+
+    Its pipe is never waited for; a guard that does not read it is lost.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        # -P: a file in the user's current folder must not be imported as a module
+        command = [sys.executable, "-P", "-m", "jbclog.guard", str(folder), "--recorder", str(os.getpid())]
+        try:
+            with _signals_blocked():
+                self._process = subprocess.Popen(
+                    command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True, bufsize=0
+                )
+        except OSError as error:
+            raise StartRefused(f"the guard could not be started ({error}); --no-guard runs without one") from error
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._pipe = self._process.stdin.fileno()
+        self._answers = self._process.stdout.fileno()
+        self._unanswered = 0
+        self._sent: dict[str, StationLease] = {}
+        for descriptor in (self._pipe, self._answers):
+            os.set_blocking(descriptor, False)
+        with suppress(OSError, AttributeError):
+            fcntl.fcntl(self._pipe, fcntl.F_SETPIPE_SZ, PIPE_SIZE)
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    def await_ready(self) -> None:
+        """Wait until it watches. Raises StartRefused."""
+        if not self._can_be_read_within(READY_S) or not os.read(self._answers, len(READY)):
+            self.kill()
+            raise StartRefused("the guard did not start; its reason stands above. --no-guard runs without one")
+
+    def kill(self) -> None:
+        """Kill it; does not wait long for one that a hanging disk keeps from ending."""
+        self._process.kill()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(KILL_S)
+        self._close()
+
+    def _close(self) -> None:
+        for stream in (self._process.stdin, self._process.stdout):
+            if stream is not None:
+                stream.close()
+
+    def lease(self, station: StationLease) -> None:
+        """Send a lease that has changed. Raises GuardLost."""
+        if self._sent.get(station.name) != station:
+            self._send(station.to_json())
+            self._sent[station.name] = station
+
+    def renew(self) -> None:
+        """Send a beat, and check that the guard answers. Raises GuardLost."""
+        if self._has_answered():
+            self._unanswered = 0
+        if self._unanswered >= UNANSWERED_MOST:
+            raise GuardLost("it stands still")
+        self._send(BEAT)
+        self._unanswered += 1
+
+    def end(self) -> None:
+        """Send the end and wait for the process: there is nothing left to guard."""
+        with suppress(GuardLost):
+            self._send(END)
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_S)
+        self._close()
+
+    def take_over(self) -> None:
+        """Let it take over now, with the ports closed; waits until it has done what it can."""
+        with suppress(GuardLost):
+            self._send(FAILED)
+            end = time.monotonic() + TAKEN_OVER_S
+            while self._can_be_read_within(end - time.monotonic()) and self._has_answered():
+                pass  # until it closes its end
+        self._close()
+
+    def _can_be_read_within(self, seconds: float) -> bool:
+        watched = select.poll()  # unlike select(), it takes any descriptor
+        watched.register(self._answers, select.POLLIN)
+        return bool(watched.poll(max(seconds, 0.0) * 1000))
+
+    def _has_answered(self) -> bool:
+        """Whether it has answered since the last call. Raises GuardLost if it is gone."""
+        try:
+            if os.read(self._answers, 4096):
+                return True
+        except BlockingIOError:
+            return False
+        raise GuardLost("it ended")
+
+    def _send(self, line: str) -> None:
+        data = line.encode() + b"\n"
+        try:
+            sent = os.write(self._pipe, data)
+        except OSError as error:  # BlockingIOError: the pipe is full
+            raise GuardLost(str(error)) from error
+        if sent < len(data):
+            raise GuardLost("it does not read")
+
+
+@contextmanager
+def _signals_blocked() -> Iterator[None]:
+    """Block what ends a run, for the process started within from its first step on: Ctrl-C reaches all processes of a terminal."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,25 +1,25 @@
-"""Taking over: every line at once, each in a thread, each tool made safe by the rules of `safety`.
+"""Take-over: makes the tools of all leased stations safe at once, a thread each, by the rules of `session.safety`.
 
-A line is asked who is there before anything is written: an adapter may have gone and another come. What was done is in
-the diary and on stderr, tool by tool, as soon as it is known.
+A station is identified before anything is written: another adapter may be plugged in by now. Each result goes to the action log and
+to stderr as soon as it is known.
 """
 
 from __future__ import annotations
 
+import _thread
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
+from typing import Final
 
 from jbclog.core.errors import Refusal, UsageError, unexpected_error_text
 from jbclog.core.io_requests import Steps
 from jbclog.core.serial_line import LineFormat
 from jbclog.core.states import SafetyResult
-from jbclog.guard.action_log import ActionLog
+from jbclog.guard.action_log import ActionLog, show
 from jbclog.guard.lease import StationLease
-from jbclog.guard.messages import say
-from jbclog.guard.saving import Saving
 from jbclog.protocol.client.interface import Client
 from jbclog.protocol.client.make import client_for
 from jbclog.protocol.commands.family import FAMILIES
@@ -32,14 +32,16 @@ from jbclog.transport.port import Port
 INFO, WARNING, ERROR, CRITICAL = "info", "warning", "error", "critical"
 HOT = "it may be hot: switch the station off"
 OPENING = 5  # descriptors of a port while it is being opened
-ENDED_S = 8.0  # a port whose driver hangs must not keep what came of the others from being told
+ENDED_S = 8.0  # a hanging driver must not delay the results of the other ports
+BEGUN_S: Final = 0.5  # for a thread to begin on a busy machine; if both begin, one does the work
+LOOK_S: Final = 0.005
 
 
 class TakeOver:
-    """Makes safe what these leases hold, and tells the diary. `left` are those of them that still hold something.
+    """Makes safe what these leases hold, and logs it. `left`: leases that still hold something.
 
-    `again`: it was tried before, and what could not be done then was told. `spare`: a tool that rests already is left alone.
-    `flooded` are the stations that were told over a flooded link; one that is told again and again would never sleep.
+    `again`: a repeated attempt; failures are not logged twice. `spare`: tools already at rest are left alone. `flooded`: stations
+    already ordered over a flooded link; ordered again and again, a tool would never sleep.
     """
 
     def __init__(
@@ -52,7 +54,7 @@ class TakeOver:
         flooded: Collection[str] = (),
     ) -> None:
         self.flooded = set(flooded)
-        self._left = {station.name: station for station in stations if station.holds}  # until it is known better
+        self._left = {station.name: station for station in stations if station.holds}
         self._action_log = action_log
         self._again = again
         self._spare = spare
@@ -62,35 +64,35 @@ class TakeOver:
         return list(self._left.values())
 
     def run(self) -> list[StationLease]:
-        """Do it; give what is left."""
+        """Make all stations safe; return the leases that still hold something."""
         stations, end = self.left, time.monotonic() + ENDED_S
-        with suppress(UsageError):  # then some will have to be opened again
+        with suppress(UsageError):  # some ports then need a second attempt
             allow_ports(OPENING * len(stations))
-        savings = [Saving(partial(self._one, station)) for station in stations]
-        for saving in savings:
-            saving.begin()
-        for saving in savings:
-            saving.do_unless_begun()
-        for saving in savings:
-            saving.await_done(max(end - time.monotonic(), 0.0))
+        threads = [OnceInThread(partial(self._one, station)) for station in stations]
+        for thread in threads:
+            thread.begin()
+        for thread in threads:
+            thread.do_unless_begun()
+        for thread in threads:
+            thread.await_done(max(end - time.monotonic(), 0.0))
         return self.left
 
     def _one(self, lease: StationLease) -> None:
         try:
-            task = self._surely_secured(lease)
-        except Exception as error:  # one station that cannot be saved must not keep the others from it
-            self._tell(lease, "guard.failed", CRITICAL, f"the guard failed, {unexpected_error_text(error)}; {HOT}")
+            task = self._secured_at_last(lease)
+        except Exception as error:  # one station's failure must not stop the others
+            self._report(lease, "guard.failed", CRITICAL, f"the guard failed, {unexpected_error_text(error)}; {HOT}")
             return
         if task.flood is not None and all(tool.reached == SafetyResult.SENT for tool in task.tools):
             self.flooded.add(lease.name)
-        self._take_note(lease, task)
+        self._update(lease, task)
         for tool in task.tools:
-            self._tell_tool(lease, task, tool)
+            self._report_tool(lease, task, tool)
         if task.feeds:
-            self._tell(lease, "safety.not_safe", CRITICAL, "the guard could not stop the feeder; switch the station off")
+            self._report(lease, "safety.not_safe", CRITICAL, "the guard could not stop the feeder; switch the station off")
 
-    def _surely_secured(self, lease: StationLease) -> SafetyTask:
-        """What `secure` made of it. A fault of this program may be one of a moment: memory was refused, say."""
+    def _secured_at_last(self, lease: StationLease) -> SafetyTask:
+        """Try twice: an error of this program may be momentary, for example refused memory."""
         try:
             return self._secured(lease)
         except Exception:
@@ -101,7 +103,7 @@ class TakeOver:
         blocking.run(secure(task), lambda: _open(lease), sleep=time.sleep)
         return task
 
-    def _take_note(self, lease: StationLease, task: SafetyTask) -> None:
+    def _update(self, lease: StationLease, task: SafetyTask) -> None:
         remaining = replace(lease, ports=tuple(tool.port for tool in task.tools if not tool.is_safe), feeds=task.feeds)
         if remaining.holds:
             self._left[lease.name] = remaining
@@ -118,18 +120,18 @@ class TakeOver:
             lease.safe_state,
             tools,
             lease.feeds,
-            lambda: _is_the_one(client, lease),
+            lambda: _is_same_station(client, lease),
             is_proven=False,
             spare=self._spare,
             is_stranger=lease.name in self.flooded,
         )
 
-    def _tell_tool(self, lease: StationLease, task: SafetyTask, tool: ToolSafety) -> None:
+    def _report_tool(self, lease: StationLease, task: SafetyTask, tool: ToolSafety) -> None:
         if tool.is_safe and tool.status is not None:
             state = task.family.status.shown(tool.status)
             text = "was in its safe state already" if tool.was_spared else "was put in its safe state by the guard"
             why, severity = (f"; {tool.fell_back}", WARNING) if tool.fell_back else ("", INFO)
-            self._tell(lease, "safety.safe_state", severity, f"the tool {text}, as read back: {state}{why}", tool.port)
+            self._report(lease, "safety.safe_state", severity, f"the tool {text}, as read back: {state}{why}", tool.port)
             return
         what = (
             "was told its safe state by the guard and does not confirm it"
@@ -137,13 +139,13 @@ class TakeOver:
             else "could not be made safe"
         )
         what += "" if task.flood is None else " (its link is flooded)"
-        self._tell(lease, "safety.not_safe", CRITICAL, f"the tool {what}; {HOT}", tool.port)
+        self._report(lease, "safety.not_safe", CRITICAL, f"the tool {what}; {HOT}", tool.port)
 
-    def _tell(self, lease: StationLease, kind: str, severity: str, text: str, port: int | None = None) -> None:
+    def _report(self, lease: StationLease, kind: str, severity: str, text: str, port: int | None = None) -> None:
         if self._again and severity == CRITICAL:
             return
         self._action_log.write(kind, severity, f"{text[0].upper()}{text[1:]}.", lease.name, port)
-        say(f"{lease.name if port is None else f'{lease.name} port {port}'}: {text}")
+        show(f"{lease.name if port is None else f'{lease.name} port {port}'}: {text}")
 
 
 def _format(lease: StationLease) -> LineFormat:
@@ -154,8 +156,8 @@ def _open(lease: StationLease) -> Port:
     return open_port(lease.url, _format(lease))
 
 
-def _is_the_one(client: Client, lease: StationLease) -> Steps[bool]:
-    """Whether the station names the model, and where it tells one the software, that the lease was given for."""
+def _is_same_station(client: Client, lease: StationLease) -> Steps[bool]:
+    """Return whether the station answers the leased model and, if it has one, the leased software."""
     family = FAMILIES[lease.family]
     commands = family.commands
     if not (lease.model_accepted or family.proves(lease.model or "")):
@@ -168,3 +170,39 @@ def _is_the_one(client: Client, lease: StationLease) -> Steps[bool]:
         return (yield from client.read(commands["software_version"])) == lease.software
     except Refusal:
         return False
+
+
+class OnceInThread:
+    """Does `work` once: in a thread, or in the caller's if none begins.
+
+    `threading.Thread.start` waits for ever for a thread that is refused memory before it begins.
+    """
+
+    def __init__(self, work: Callable[[], None]) -> None:
+        self._work = work
+        self._taken = _thread.allocate_lock()
+        self._running = _thread.allocate_lock()
+        self._running.acquire()
+
+    def begin(self) -> None:
+        """Start a thread; does not wait for it."""
+        with suppress(RuntimeError, MemoryError):
+            _thread.start_new_thread(self._do, ())
+
+    def do_unless_begun(self) -> None:
+        """Do the work here if no thread begins within `BEGUN_S`."""
+        end = time.monotonic() + BEGUN_S
+        while not self._taken.locked() and time.monotonic() < end:
+            time.sleep(LOOK_S)
+        self._do()
+
+    def await_done(self, seconds: float) -> None:
+        """Wait until it is done, or time is up."""
+        self._running.acquire(timeout=seconds)
+
+    def _do(self) -> None:
+        if self._taken.acquire(blocking=False):
+            try:
+                self._work()
+            finally:
+                self._running.release()

@@ -1,14 +1,18 @@
-"""When the guard takes over: pure arithmetic of what the recorder said and when.
+"""When the guard takes over, computed from what the recorder sent and when; and the recorder's process as its guard sees it.
 
-The recorder sends a line each `RENEW_S`: a station's lease where it changed, a beat where nothing did, an end when all
-is done. Its death closes the pipe at once; while it hangs the pipe stays open and silent, and after `HUNG_S` it counts
-as hung. A recorder that holds nothing hot may be as silent as it likes: it is starting, or sealing. A silence that the
-guard has slept through itself, because the whole machine stood still, is nobody's fault: then the recorder gets
-`GRACE_S` to say something.
+The recorder sends a line each `RENEW_S`: a station's lease if it changed, else a beat, and an end when all is done. If it dies,
+the pipe closes at once; if it hangs, the pipe stays open and silent, and `HUNG_S` later it counts as hung. A recorder that holds
+nothing hot may stay silent: it is starting, or sealing. If the guard itself slept because the whole machine stood still, the
+recorder gets another `GRACE_S`.
 """
 
 from __future__ import annotations
 
+import os
+import select
+import signal
+import time
+from contextlib import suppress
 from enum import Enum
 from typing import Final
 
@@ -17,13 +21,25 @@ from jbclog.guard.lease import StationLease
 RENEW_S: Final = 0.25
 HUNG_S: Final = 2.0
 GRACE_S: Final = 1.0
-OVERSLEPT_S: Final = 0.5  # so late no guard wakes on a machine that goes on
+OVERSLEPT_S: Final = 0.5  # a guard wakes later only if the machine stood still
+LOOK_S: Final = 0.01
+
+# Lines from the recorder, beside leases
 BEAT: Final = "beat"
 END: Final = "end"
 FAILED: Final = "failed"
+# Bytes from the guard
+READY: Final = b"ready\n"
+ANSWER: Final = b"."
+
+
+class GuardLost(Exception):
+    """The guard died, hangs or does not read."""
 
 
 class Verdict(Enum):
+    """What the guard does next; the values are parts of sentences."""
+
     WATCH = "go on watching"
     DONE = "nothing is left to guard"
     DEAD = "the recorder died"
@@ -32,7 +48,7 @@ class Verdict(Enum):
 
 
 class Watch:
-    """What one recorder has leased, and when it was last heard of (monotonic seconds)."""
+    """What a recorder has leased, and when its last line came (monotonic seconds)."""
 
     def __init__(self, now: float) -> None:
         self.stations: dict[str, StationLease] = {}
@@ -43,13 +59,11 @@ class Watch:
 
     @property
     def holds(self) -> bool:
-        """Whether anything would have to be made safe."""
+        """Whether anything has to be made safe."""
         return any(station.holds for station in self.stations.values())
 
     def hear(self, data: bytes, now: float) -> bool:
-        """Take in bytes of the pipe, however they are cut; whether a lease changed. What is no line of ours is not a sign
-        of life either.
-        """
+        """Take bytes from the pipe in pieces of any size; return whether a lease changed. An unknown line is no sign of life."""
         *lines, self._begun = (self._begun + data).split(b"\n")
         changed = [self._hear_line(line.decode("utf-8", "replace"), now) for line in lines]
         return any(changed)
@@ -68,12 +82,12 @@ class Watch:
         return is_lease
 
     def overslept(self, late_s: float, now: float) -> None:
-        """The guard woke `late_s` after it wanted to."""
+        """Note that the guard woke `late_s` later than planned."""
         if late_s > OVERSLEPT_S:
             self.heard_at = max(self.heard_at, now - HUNG_S + GRACE_S)
 
     def verdict(self, now: float, *, closed: bool) -> Verdict:
-        """What to do now; `closed`: the pipe has no writer any more."""
+        """Return what to do; `closed`: the pipe has no writer any more."""
         if self.is_ended or (closed and not self.holds):
             return Verdict.DONE
         if closed:
@@ -83,5 +97,48 @@ class Watch:
         return Verdict.HUNG if self.holds and now - self.heard_at > HUNG_S else Verdict.WATCH
 
     def patience_s(self, now: float) -> float:
-        """How long the pipe may be silent from `now` on before there is something to decide."""
+        """Return for how long the pipe may be silent from `now` on."""
         return max(self.heard_at + HUNG_S - now, 0.0) + 0.01 if self.holds else 3600.0
+
+
+class Recorder:
+    """The process `pid` while it is this one's parent; after that it has died, and its number may belong to another process.
+
+    Without process descriptors (pidfd) the parent's number is polled: it changes when the parent dies.
+    """
+
+    def __init__(self, pid: int) -> None:
+        self._pid = pid
+        self._descriptor: int | None = None
+        with suppress(AttributeError, OSError):
+            self._descriptor = os.pidfd_open(pid)
+        self._is_gone = not self._is_parent  # checked after opening: the descriptor is certainly the recorder's
+
+    def end(self, grace_s: float, patience_s: float) -> bool:
+        """Kill it after `grace_s` so that it holds no port; return whether it is gone."""
+        if self.is_gone_within(grace_s):
+            return True
+        self._kill()
+        return self.is_gone_within(patience_s)
+
+    @property
+    def _is_parent(self) -> bool:
+        return os.getppid() == self._pid
+
+    def is_gone_within(self, seconds: float) -> bool:
+        if self._descriptor is not None and not self._is_gone:
+            watched = select.poll()
+            watched.register(self._descriptor, select.POLLIN)
+            self._is_gone = bool(watched.poll(seconds * 1000))
+        end = time.monotonic() + seconds
+        while self._descriptor is None and not self._is_gone and time.monotonic() < end:
+            time.sleep(LOOK_S)
+            self._is_gone = not self._is_parent
+        return self._is_gone
+
+    def _kill(self) -> None:
+        with suppress(OSError):
+            if self._descriptor is not None:
+                signal.pidfd_send_signal(self._descriptor, signal.SIGKILL)
+            elif self._is_parent:
+                os.kill(self._pid, signal.SIGKILL)

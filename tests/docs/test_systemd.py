@@ -8,7 +8,7 @@ import pytest
 
 from jbclog.app.audit.timers import HARDENED
 from jbclog.app.safe_state import ASKED_S, DONE_S, GUARD_S, KILLED_S
-from jbclog.guard.process import TAKEN_OVER_S
+from jbclog.guard.supervisor import TAKEN_OVER_S
 from support.readers.command_line import wrong
 from support.readers.unit_file import UNIT, analyzed, command, exposed, unit
 

@@ -35,7 +35,7 @@ from jbclog.core.errors import Problems, RecordError
 from jbclog.core.foreign.json_reader import json_of
 from jbclog.core.serial_line import BAUDRATES
 from jbclog.guard.lease import NAME as LEASE
-from jbclog.guard.lease import StationLease, kept, unreadable
+from jbclog.guard.lease import StationLease, read_leases, why_unreadable
 from jbclog.protocol import omega
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.frame import MOST_HELD, Frame, FrameReader
@@ -203,9 +203,9 @@ def lease(data: bytes, folder: Path) -> None:
         with suppress(ValueError):
             lines.append(json_of(line))
             alone.append(StationLease.from_json(line))
-    stations = kept(folder)
+    stations = read_leases(folder)
     assert stations == alone  # a line that cannot be read hides no other, and is told
-    assert bool(unreadable(folder)) == (len(alone) < len(data.splitlines()))
+    assert bool(why_unreadable(folder)) == (len(alone) < len(data.splitlines()))
     for station in stations:
         told = {name: getattr(station, name) for name in TYPES}
         assert all(IS[TYPES[name]](value) for name, value in told.items()), told

@@ -356,8 +356,8 @@ def test_a_guard_that_is_stopped_is_replaced_within_five_quarters_of_a_second(li
 
 
 def test_where_no_guard_can_be_started_nothing_is(line: ServedLine, tmp_path: Path) -> None:
-    code = "import shutil, types; from jbclog.cli import main; from jbclog.guard import process; "
-    code += "process.sys = types.SimpleNamespace(executable=shutil.which('false')); main()"
+    code = "import shutil, types; from jbclog.cli import main; from jbclog.guard import supervisor; "
+    code += "supervisor.sys = types.SimpleNamespace(executable=shutil.which('false')); main()"
     command, before = [sys.executable, "-c", code, "run", line.recipe, "--line", line.path, "--out", tmp_path], line.questions()
     ended = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=200, check=False)
     assert (ended.returncode, line.questions()) == (3, before)

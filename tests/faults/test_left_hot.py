@@ -18,9 +18,8 @@ import pandas as pd
 import pytest
 
 from jbclog import open_run
-from jbclog.guard import lease_registry
 from jbclog.guard.lease import NAME as LEASE
-from jbclog.guard.lease import kept
+from jbclog.guard.lease import read_leases, registered_runs
 from jbclog.record.annotations import read
 from jbclog.record.check import check
 from jbclog.record.guard_actions import DIARY
@@ -52,7 +51,7 @@ def left_hot(line: ServedLine, tmp_path: Path) -> Path:
     """The folder of a run whose recorder and guard were both killed: all tools are at work."""
     with running(line, tmp_path / "runs") as run:
         folder = only_run(tmp_path / "runs")
-        assert until(lambda: len(kept(folder)) == 4 and all(lease.ports for lease in kept(folder)))
+        assert until(lambda: len(read_leases(folder)) == 4 and all(lease.ports for lease in read_leases(folder)))
         assert until(lambda: was_read(folder) == TOOLS)
         os.kill(run.pid, signal.SIGSTOP)
         os.kill(guard_that_is_there(run.pid), signal.SIGKILL)
@@ -92,7 +91,7 @@ def test_it_is_in_its_own_record_and_made_safe_at_the_next_start_whatever_its_fo
     new = Path(json.loads(again.stdout)["run"])
     left = pd.read_parquet(new / "events").set_index("kind").loc["guard.left_over"]
     assert left["text"] == f"Run {left_hot.name} had left tools of ale-1, dde-1 as they were: every tool is in its safe state now."
-    assert {lease.name for lease in kept(left_hot)} == {"dde-2", "ucr-1"}  # whose ports this run had nothing to do with
+    assert {lease.name for lease in read_leases(left_hot)} == {"dde-2", "ucr-1"}  # whose ports this run had nothing to do with
     assert annotated(left_hot) == [("jbclog run", "guard.left_over"), ("jbclog run", "safety.safe_state")]
     assert check(left_hot) == []  # what was sealed is not touched again
 
@@ -105,7 +104,7 @@ def test_safe_closes_what_was_left_and_tells_it(line: ServedLine, left_hot: Path
     assert line.at_work() == 0
     assert f"the run {left_hot} left tools hot; its record now says so" in done.stderr
     assert not (left_hot / LEASE).exists()
-    assert lease_registry.known() == []
+    assert registered_runs() == []
     assert annotated(left_hot) == [("jbclog safe", "guard.left_over"), ("jbclog safe", "safety.safe_state")]
     assert len(read(left_hot).said) == TOOLS + 1
     assert check(left_hot) == []

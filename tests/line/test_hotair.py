@@ -10,7 +10,7 @@ from jbclog.core.errors import WriteForbidden
 from jbclog.core.quantities import Value
 from jbclog.core.rows import COLUMN, StationFacts
 from jbclog.guard.lease import StationLease
-from jbclog.guard.run_guard import lease_of
+from jbclog.guard.supervisor import lease_of
 from jbclog.protocol.commands.command import Command
 from jbclog.session.run.setting import listed
 from jbclog.sim.hotair import AirModel, AirStation

@@ -17,14 +17,12 @@ import pytest
 
 from jbclog.core.serial_line import LineFormat
 from jbclog.guard import __main__ as guard_itself
-from jbclog.guard import lease_registry
 from jbclog.guard.action_log import NAME as DIARY
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import NAME as LEASE
-from jbclog.guard.lease import StationLease, keep
+from jbclog.guard.lease import StationLease, guard_lock, registered_runs, write_leases
 from jbclog.guard.lease_writer import LeaseWriter
 from jbclog.guard.open_leases import LeftOver, settle
-from jbclog.guard.single_guard import only_one
 from jbclog.guard.takeover import TakeOver
 from jbclog.guard.watch import FAILED
 from jbclog.sim.port import SLEEP, STAND, WORKING
@@ -91,7 +89,7 @@ def told(run: Path) -> list[tuple[str, str | None, int | None]]:
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """What does not succeed is given up soon."""
-    monkeypatch.setattr(guard_itself, "AGAIN_S", 0.1)
+    monkeypatch.setattr(guard_itself, "RETRY_EVERY_S", 0.1)
     monkeypatch.setattr("jbclog.session.safety.secure.ALLOWED_S", 0.4)
 
 
@@ -199,7 +197,7 @@ def test_a_cable_that_is_put_back_is_enough(line: ServedLine, run: Path) -> None
     lease_writer.put(left)
     lease_writer.settle(5.0)
     threading.Timer(0.7, plug_in).start()
-    guard_itself._go_on(run, left, (), lease_writer, action_log)
+    guard_itself._retry(run, left, (), lease_writer, action_log)
     assert (line.at_work(), (run / LEASE).exists()) == (0, False)
     assert told(run)[len(before) :] == [("safety.safe_state", "dde-1", 1), ("safety.safe_state", "dde-1", 2)]  # no word of failures
 
@@ -251,8 +249,8 @@ def test_a_guards_process_goes_on_until_the_cable_is_back(line: ServedLine, run:
 @pytest.mark.usefixtures("quick")
 def test_it_ends_when_somebody_else_has_seen_to_it(line: ServedLine, run: Path) -> None:
     def see_to_it() -> None:
-        with only_one(run, 5.0):
-            keep(run, [])
+        with guard_lock(run, 5.0):
+            write_leases(run, [])
 
     plug_in = unplugged(line, "dde-1")
     try:
@@ -262,7 +260,7 @@ def test_it_ends_when_somebody_else_has_seen_to_it(line: ServedLine, run: Path) 
         lease_writer.settle(5.0)
         threading.Timer(0.5, see_to_it).start()
         began = time.monotonic()
-        guard_itself._go_on(run, left, (), lease_writer, ActionLog(run))
+        guard_itself._retry(run, left, (), lease_writer, ActionLog(run))
         assert time.monotonic() - began < 30
     finally:
         plug_in()
@@ -270,9 +268,9 @@ def test_it_ends_when_somebody_else_has_seen_to_it(line: ServedLine, run: Path) 
 
 @pytest.mark.usefixtures("quick")
 def test_it_ends_when_time_is_up(line: ServedLine, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(guard_itself, "GO_ON_S", 0.5)
+    monkeypatch.setattr(guard_itself, "RETRY_FOR_S", 0.5)
     stranger = replace(lease(line, "dde-1"), model="NAE")
-    guard_itself._go_on(run, [stranger], (), LeaseWriter(run, ActionLog(run)), ActionLog(run))
+    guard_itself._retry(run, [stranger], (), LeaseWriter(run, ActionLog(run)), ActionLog(run))
     assert line.at_work() == 6
 
 
@@ -280,7 +278,7 @@ def test_it_ends_when_time_is_up(line: ServedLine, run: Path, monkeypatch: pytes
 
 
 def test_what_was_left_is_dealt_with_on_the_ports_that_are_asked_for(line: ServedLine, run: Path) -> None:
-    keep(run, all_leases(line))
+    write_leases(run, all_leases(line))
     asleep = line.stations["dde-2"].plant.ports[1]
     asleep.order(SLEEP, False)
     began = time.monotonic()
@@ -299,7 +297,7 @@ def test_what_was_left_is_dealt_with_on_the_ports_that_are_asked_for(line: Serve
 def test_what_another_out_left_is_found_and_one_that_cannot_be_written_down_stays_open(
     line: ServedLine, run: Path, tmp_path: Path
 ) -> None:
-    keep(run, [lease(line, "dde-2")])
+    write_leases(run, [lease(line, "dde-2")])
     (run / DIARY).mkdir()  # nothing can be written there
     for _ in range(2):
         (left,) = settle(tmp_path / "another out", {line.url("dde-2")}, lambda folder: False)
@@ -307,7 +305,7 @@ def test_what_another_out_left_is_found_and_one_that_cannot_be_written_down_stay
     (run / DIARY).rmdir()
     assert len(settle(tmp_path / "another out", {line.url("dde-2")}, lambda folder: False)) == 1
     assert not (run / LEASE).exists()
-    assert lease_registry.known() == []
+    assert registered_runs() == []
 
 
 def test_of_many_that_come_at_once_one_makes_safe_what_was_left(line: ServedLine, run: Path) -> None:
@@ -333,7 +331,7 @@ def test_of_many_that_come_at_once_one_makes_safe_what_was_left_a_hundred_times(
 
 def at_once(line: ServedLine, folder: Path, count: int) -> int:
     """How many of them did it; asserted from the stations' own log: none was told twice."""
-    keep(folder, all_leases(line))
+    write_leases(folder, all_leases(line))
     began, urls = time.monotonic(), {line.url(name) for name in line.stations}
     done: list[LeftOver] = []
     threads = [
@@ -350,20 +348,20 @@ def at_once(line: ServedLine, folder: Path, count: int) -> int:
 
 
 def test_a_run_that_goes_on_is_left_alone_at_once(line: ServedLine, run: Path) -> None:
-    keep(run, all_leases(line))
+    write_leases(run, all_leases(line))
     began = time.monotonic()
     assert settle(run.parent, {line.url("dde-2")}, lambda folder: True) == []
     assert (line.orders(began), time.monotonic() - began < 10) == ([], True)
 
 
 def test_a_guard_that_is_just_taking_over_is_waited_for(line: ServedLine, run: Path) -> None:
-    keep(run, all_leases(line))
+    write_leases(run, all_leases(line))
 
     def be_the_guard() -> None:
-        with only_one(run):
+        with guard_lock(run):
             is_held.set()
             time.sleep(BUSY_S)
-            keep(run, [])
+            write_leases(run, [])
 
     is_held = threading.Event()
     guard = threading.Thread(target=be_the_guard)
@@ -378,7 +376,7 @@ def test_a_guard_that_is_just_taking_over_is_waited_for(line: ServedLine, run: P
 @pytest.mark.usefixtures("quick")
 def test_what_could_not_be_made_safe_is_told_and_kept_for_the_next_start(line: ServedLine, run: Path) -> None:
     stranger = replace(lease(line, "dde-1"), model="NAE")
-    keep(run, [stranger])
+    write_leases(run, [stranger])
     (left,) = settle(run.parent, {stranger.url}, lambda folder: False)
     assert not left.is_safe
     assert "not every tool could be made safe" in left.text

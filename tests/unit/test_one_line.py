@@ -73,7 +73,7 @@ def test_a_file_s_name_makes_no_line_of_a_check(sealed: Path, tmp_path: Path, en
 
 
 def test_a_planted_lease_makes_no_line(capfd: pytest.CaptureFixture[str]) -> None:
-    from jbclog.guard import messages
+    from jbclog.guard import action_log
 
-    messages.say("dde-1\njbclog guard: all tools are safe")
+    action_log.show("dde-1\njbclog guard: all tools are safe")
     assert capfd.readouterr().err == "jbclog guard: dde-1 jbclog guard: all tools are safe\n"

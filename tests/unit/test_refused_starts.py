@@ -17,7 +17,7 @@ from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import conduct
 from jbclog.core.errors import RecordError, StartRefused
 from jbclog.core.serial_line import LineFormat
-from jbclog.guard.run_guard import Guarding
+from jbclog.guard.supervisor import RunGuard
 from jbclog.record import port_owner
 from jbclog.record.check import check
 from jbclog.record.find_runs import Filter, Found, find
@@ -152,7 +152,7 @@ def test_a_guard_that_does_not_start(tmp_path: Path, monkeypatch: pytest.MonkeyP
     def start(*_: object) -> None:
         raise StartRefused("the guard could not be started (no more processes); --no-guard runs without one")
 
-    monkeypatch.setattr(Guarding, "start", start)
+    monkeypatch.setattr(RunGuard, "start", start)
     plan = plan_of(tmp_path, line_at(str(tmp_path / "nowhere")))
     result = conduct(plan, tmp_path / "runs", Nobody())
     expect_record(result, "refused", "--no-guard")

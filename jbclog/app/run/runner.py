@@ -30,7 +30,7 @@ from jbclog.core.locks import is_held
 from jbclog.core.outcome import Exit, tools_text
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.guard.open_leases import settle
-from jbclog.guard.run_guard import Guarding
+from jbclog.guard.supervisor import RunGuard
 from jbclog.guard.watch import RENEW_S
 from jbclog.record.capture import WHOLE, Head
 from jbclog.record.capture_recorder import WireRecorder
@@ -130,10 +130,10 @@ class _Run:
         self._missed = missed
         self._clock = SystemClock()
         allow_ports(len(plan.stations))
-        self._guarding = Guarding()
+        self._guarding = RunGuard()
         self._left_over = settle(out, {station.spec.url for station in plan.stations}, is_held)
         self._run_record = RunRecord(
-            plan, out, observer, self._clock, self._on_record_failure, seal_every_s, on_facts=self._guarding.know
+            plan, out, observer, self._clock, self._on_record_failure, seal_every_s, on_facts=self._guarding.update
         )
         self._note = self._run_record.note
         self._contexts = self._run_record.contexts

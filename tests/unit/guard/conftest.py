@@ -7,5 +7,5 @@ import pytest
 def said(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What a guard in this process says to people, in place of stderr."""
     told: list[str] = []
-    monkeypatch.setattr("jbclog.guard.takeover.say", told.append)
+    monkeypatch.setattr("jbclog.guard.takeover.show", told.append)
     return told

@@ -14,11 +14,9 @@ import pytest
 from jbclog.guard import __main__ as guard_itself
 from jbclog.guard.action_log import NAME as DIARY
 from jbclog.guard.action_log import ActionLog
-from jbclog.guard.lease import StationLease, keep, kept
+from jbclog.guard.lease import StationLease, read_leases, write_leases
 from jbclog.guard.lease_writer import LeaseWriter
-from jbclog.guard.process import GuardLost
-from jbclog.guard.recorder import Recorder
-from jbclog.guard.watch import HUNG_S, Verdict, Watch
+from jbclog.guard.watch import HUNG_S, GuardLost, Recorder, Verdict, Watch
 
 LEASE = StationLease("dde-1", "/dev/no1", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (1, 2), False)
 NOTHING = StationLease("dde-2", "/dev/no2", 19200, "8N1", 1, "dde", "DDE", "1.0", "stand", (), False)
@@ -38,7 +36,7 @@ class Other(Recorder):
 @pytest.fixture
 def said(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     told: list[str] = []
-    monkeypatch.setattr(guard_itself, "say", told.append)
+    monkeypatch.setattr(guard_itself, "show", told.append)
     return told
 
 
@@ -190,10 +188,10 @@ def test_the_recorder_is_ended_as_it_needs_and_the_diary_says_why(
 @pytest.mark.parametrize("is_torn", [False, True])
 @pytest.mark.parametrize("left", [[], [LEASE]])
 def test_a_lease_is_closed_as_far_as_it_could_be_written_down_why(tmp_path: Path, left: list[StationLease], is_torn: bool) -> None:
-    keep(tmp_path, [LEASE, NOTHING])
+    write_leases(tmp_path, [LEASE, NOTHING])
     action_log = ActionLog(tmp_path)
     action_log.reserve(3)
     action_log.is_torn = is_torn
-    guard_itself._keep(left, LeaseWriter(tmp_path, action_log), action_log)
-    assert kept(tmp_path) == ([LEASE] if is_torn else left)
+    guard_itself._close_lease(left, LeaseWriter(tmp_path, action_log), action_log)
+    assert read_leases(tmp_path) == ([LEASE] if is_torn else left)
     assert (tmp_path / DIARY).exists() == bool(left)  # what has nothing in it is taken away when all is done

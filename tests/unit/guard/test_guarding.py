@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from jbclog.core.rows import StationFacts
-from jbclog.guard.run_guard import Guarding, lease_of
+from jbclog.guard.supervisor import RunGuard, lease_of
 
 
 def facts(outcome: str, may_feed: bool, **safe_state: str) -> StationFacts:
@@ -33,8 +33,8 @@ def test_what_is_leased(told: StationFacts, ports: tuple[int, ...], feeds: bool)
 
 
 def test_without_a_guard_nobody_is_told() -> None:
-    guarding = Guarding()
-    guarding.know(facts("running", True))
+    guarding = RunGuard()
+    guarding.update(facts("running", True))
     guarding.renew()
     guarding.take_over()
     guarding.end()

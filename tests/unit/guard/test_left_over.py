@@ -11,9 +11,8 @@ import pytest
 from jbclog.guard import open_leases
 from jbclog.guard.action_log import NAME as DIARY
 from jbclog.guard.action_log import ActionLog
-from jbclog.guard.lease import StationLease, keep, kept
+from jbclog.guard.lease import StationLease, guard_lock, read_leases, write_leases
 from jbclog.guard.open_leases import LeftOver, Seen, close, settle
-from jbclog.guard.single_guard import only_one
 
 URL = "/dev/no1"
 LEASE = StationLease("ale-1", URL, 19200, "8N1", 1, "ale", "ALE", "1.0", "stand", (1, 2), True)
@@ -40,7 +39,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     folder = tmp_path / "run"
     folder.mkdir()
-    keep(folder, [LEASE, OTHER])
+    write_leases(folder, [LEASE, OTHER])
     return folder
 
 
@@ -69,7 +68,7 @@ def test_what_was_read_back_closes_so_much_of_the_lease(
     run: Path, seen: Seen, left: tuple[tuple[int, ...], bool] | None, lines: list[tuple[str, str, int | None, str]]
 ) -> None:
     assert close([URL], lambda station: seen if station == LEASE else None, nobody, "jbclog safe") == [run]
-    after = {one.name: one for one in kept(run)}
+    after = {one.name: one for one in read_leases(run)}
     assert after["dde-2"] == OTHER  # nobody has looked at it
     assert ("ale-1" in after) == (left is not None)
     if left is not None:
@@ -80,7 +79,7 @@ def test_what_was_read_back_closes_so_much_of_the_lease(
 def test_of_two_of_which_one_may_be_hot_not_every_tool_is_safe(run: Path) -> None:
     seen = {"ale-1": SAFE, "dde-2": Seen("ALE", {1: "stand"}, True)}
     assert close([URL, OTHER.url], lambda station: seen[station.name], nobody, "jbclog safe") == [run]
-    assert kept(run) == [replace(OTHER, ports=(2,), feeds=False)]
+    assert read_leases(run) == [replace(OTHER, ports=(2,), feeds=False)]
     kind, severity, _, text = told(run)[-1]
     assert (kind, severity) == ("guard.left_over", "critical")
     assert text == "Run run had left tools of ale-1, dde-2 as they were: not every tool could be made safe."
@@ -89,15 +88,15 @@ def test_of_two_of_which_one_may_be_hot_not_every_tool_is_safe(run: Path) -> Non
 @pytest.mark.parametrize("seen", [None, SAFE._replace(model="ALF"), SAFE._replace(model=None)], ids=["nobody", "other", "nameless"])
 def test_where_another_was_seen_or_none_nothing_is_closed(run: Path, seen: Seen | None) -> None:
     assert close([URL], lambda _: seen, nobody, "jbclog safe") == []
-    assert (kept(run), told(run)) == ([LEASE, OTHER], [])
+    assert (read_leases(run), told(run)) == ([LEASE, OTHER], [])
 
 
 def test_a_run_that_goes_on_or_has_its_guard_there_closes_its_lease_itself(run: Path) -> None:
     assert close([URL], lambda _: SAFE, lambda folder: folder == run, "jbclog safe") == []
-    with only_one(run):
+    with guard_lock(run):
         assert close([URL], lambda _: SAFE, nobody, "jbclog safe") == []
     assert close(["/dev/no3"], lambda _: SAFE, nobody, "jbclog safe") == []
-    assert (kept(run), told(run)) == ([LEASE, OTHER], [])
+    assert (read_leases(run), told(run)) == ([LEASE, OTHER], [])
 
 
 def test_a_lease_stays_open_where_it_cannot_be_written_down_why_it_was_closed(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -106,14 +105,14 @@ def test_a_lease_stays_open_where_it_cannot_be_written_down_why_it_was_closed(ru
 
     monkeypatch.setattr(ActionLog, "_write", full)
     close([URL], lambda _: SAFE, nobody, "jbclog safe")
-    assert kept(run) == [LEASE, OTHER]
+    assert read_leases(run) == [LEASE, OTHER]
 
 
 def test_a_folder_whose_lock_cannot_be_had_is_named_and_keeps_nobody(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def no_lock(*_: object) -> None:
         raise OSError(30, "Read-only file system")
 
-    monkeypatch.setattr(open_leases, "only_one", no_lock)
+    monkeypatch.setattr(open_leases, "guard_lock", no_lock)
     settled = settle(run.parent, [URL], nobody)
     assert settled == [LeftOver(False, settled[0].text)]
     assert "Run run left tools hot, and nothing could be done about it" in settled[0].text
@@ -122,7 +121,7 @@ def test_a_folder_whose_lock_cannot_be_had_is_named_and_keeps_nobody(run: Path, 
 
 def test_a_guard_that_stays_is_not_waited_for_without_end(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(open_leases, "PATIENCE_S", 0.05)
-    monkeypatch.setattr(open_leases, "AGAIN_S", 0.01)
-    with only_one(run):
+    monkeypatch.setattr(open_leases, "RETRY_S", 0.01)
+    with guard_lock(run):
         assert settle(run.parent, [URL], nobody) == []
-    assert kept(run) == [LEASE, OTHER]
+    assert read_leases(run) == [LEASE, OTHER]

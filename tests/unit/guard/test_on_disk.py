@@ -18,12 +18,9 @@ import pytest
 
 from jbclog.core.errors import RecordError
 from jbclog.guard import lease as leases
-from jbclog.guard import lease_registry
 from jbclog.guard.action_log import LEAST_BYTES, LINE_BYTES, ActionLog
-from jbclog.guard.lease import NAME, StationLease, keep, kept
+from jbclog.guard.lease import LOCK, NAME, StationLease, guard_lock, read_leases, registered_runs, write_leases
 from jbclog.guard.lease_writer import LeaseWriter
-from jbclog.guard.single_guard import NAME as LOCK
-from jbclog.guard.single_guard import only_one
 from jbclog.record import annotations, conclude, guard_actions
 from jbclog.record.check import check
 from jbclog.record.recover import recover
@@ -38,26 +35,26 @@ def lease(name: str = "dde-1", *ports: int) -> StationLease:
 
 
 def test_what_holds_something_is_kept_and_nothing_else(tmp_path: Path) -> None:
-    keep(tmp_path, [lease("a"), replace(lease("b"), ports=()), replace(lease("c"), ports=(), feeds=True)])
-    assert [one.name for one in kept(tmp_path)] == ["a", "c"]
-    keep(tmp_path, [replace(lease("a"), ports=())])
+    write_leases(tmp_path, [lease("a"), replace(lease("b"), ports=()), replace(lease("c"), ports=(), feeds=True)])
+    assert [one.name for one in read_leases(tmp_path)] == ["a", "c"]
+    write_leases(tmp_path, [replace(lease("a"), ports=())])
     assert list(tmp_path.iterdir()) == []
-    keep(tmp_path, [])  # twice is as good as once
-    assert kept(tmp_path) == []
+    write_leases(tmp_path, [])  # twice is as good as once
+    assert read_leases(tmp_path) == []
 
 
 def test_a_disk_that_does_not_take_a_lease_keeps_the_old_one_and_nothing_of_the_new(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    keep(tmp_path, [lease("a")])
+    write_leases(tmp_path, [lease("a")])
 
     def fails(descriptor: int) -> None:
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     monkeypatch.setattr(os, "fsync", fails)
     with pytest.raises(OSError, match="Input/output"):
-        keep(tmp_path, [lease("b")])
-    assert [one.name for one in kept(tmp_path)] == ["a"]
+        write_leases(tmp_path, [lease("b")])
+    assert [one.name for one in read_leases(tmp_path)] == ["a"]
     assert [path.name for path in tmp_path.iterdir()] == [NAME]
 
 
@@ -69,17 +66,17 @@ def test_a_lease_and_its_name_are_on_the_disk_when_it_counts_as_kept(tmp_path: P
         synced.append("folder" if stat.S_ISDIR(found.st_mode) else (found.st_ino, found.st_size))
 
     monkeypatch.setattr(os, "fsync", note)
-    keep(tmp_path, [lease("a"), lease("b")])
+    write_leases(tmp_path, [lease("a"), lease("b")])
     found = (tmp_path / NAME).stat()
     assert synced == [(found.st_ino, found.st_size), "folder"]  # a power cut at any moment leaves the old one or the new one
 
 
 def test_a_line_that_cannot_be_read_does_not_hide_the_others(tmp_path: Path) -> None:
-    keep(tmp_path, [lease("a"), lease("b")])
+    write_leases(tmp_path, [lease("a"), lease("b")])
     first, second = (tmp_path / NAME).read_text().splitlines()
     newer = json.dumps(json.loads(first) | {"what a later version has": 1})
     (tmp_path / NAME).write_text(f"{newer}\n{second[:-5]}\n\n{second}\n")
-    assert [one.name for one in kept(tmp_path)] == ["b"]
+    assert [one.name for one in read_leases(tmp_path)] == ["b"]
     assert sorted(conclude.left_leases(tmp_path)) == ["a", "b"]  # people are told of both
 
 
@@ -99,9 +96,9 @@ def test_a_lease_is_never_written_through_a_link(tmp_path: Path, name: str) -> N
     folder.mkdir()
     foreign.write_text("somebody's")
     (folder / name).symlink_to(foreign)
-    keep(folder, [lease("a")])
+    write_leases(folder, [lease("a")])
     assert foreign.read_text() == "somebody's"
-    assert [one.name for one in kept(folder)] == ["a"]
+    assert [one.name for one in read_leases(folder)] == ["a"]
     assert [path.name for path in folder.iterdir()] == [NAME]
     assert not (folder / NAME).is_symlink()
 
@@ -112,7 +109,7 @@ def test_nothing_is_read_or_cut_through_a_link_and_no_pipe_is_waited_for(tmp_pat
     folder.mkdir()
     foreign.write_text(f"{lease('a').to_json()}\n\n\n")
     (folder / name).symlink_to(foreign)
-    for look in (kept, conclude.left_leases, guard_actions.action_log, guard_actions.tidy):
+    for look in (read_leases, conclude.left_leases, guard_actions.action_log, guard_actions.tidy):
         with suppress(OSError):
             assert not look(folder)
     with pytest.raises(OSError, match="symbolic links"):
@@ -120,7 +117,7 @@ def test_nothing_is_read_or_cut_through_a_link_and_no_pipe_is_waited_for(tmp_pat
     assert foreign.read_text().endswith("\n\n\n")
     (folder / name).unlink()
     os.mkfifo(folder / name)
-    for look in (kept, conclude.left_leases):
+    for look in (read_leases, conclude.left_leases):
         assert not look(folder)
 
 
@@ -132,14 +129,14 @@ def test_open_leases_are_found_wherever_their_runs_lie(tmp_path: Path, monkeypat
     folders = [tmp_path / one / "run" for one in "ab"]  # of one name
     for folder in folders:
         folder.mkdir(parents=True)
-        keep(folder, [lease("a")])
-        keep(folder, [lease("a"), lease("b")])
-    assert sorted(lease_registry.known()) == folders
+        write_leases(folder, [lease("a")])
+        write_leases(folder, [lease("a"), lease("b")])
+    assert sorted(registered_runs()) == folders
     assert (tmp_path / "state" / "jbclog" / "open-leases").stat().st_mode & 0o077 == 0  # whom it shows is nobody else's business
-    keep(folders[0], [])
-    assert lease_registry.known() == folders[1:]
+    write_leases(folders[0], [])
+    assert registered_runs() == folders[1:]
     shutil.rmtree(folders[1])
-    assert lease_registry.known() == []
+    assert registered_runs() == []
     assert list((tmp_path / "state" / "jbclog" / "open-leases").iterdir()) == []
 
 
@@ -148,10 +145,10 @@ def test_without_a_place_for_that_a_lease_is_kept_all_the_same(tmp_path: Path, m
     (tmp_path / "file").touch()
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / state) if state == "file" else state)
     monkeypatch.setenv("HOME", str(tmp_path / "file"))
-    keep(tmp_path, [lease("a")])
-    assert [one.name for one in kept(tmp_path)] == ["a"]
-    assert lease_registry.known() == []
-    keep(tmp_path, [])
+    write_leases(tmp_path, [lease("a")])
+    assert [one.name for one in read_leases(tmp_path)] == ["a"]
+    assert registered_runs() == []
+    write_leases(tmp_path, [])
 
 
 # -- a disk that hangs or is full -----------------------------------------------------------------------------------------
@@ -164,7 +161,7 @@ def test_a_disk_that_hangs_keeps_nobody(tmp_path: Path, monkeypatch: pytest.Monk
         goes_on.wait(60)
         written.append([station.name for station in stations])
 
-    monkeypatch.setattr(leases, "keep", hanging)
+    monkeypatch.setattr(leases, "write_leases", hanging)
     lease_writer, began = LeaseWriter(tmp_path, ActionLog(tmp_path)), time.monotonic()
     for name in "abcde":
         lease_writer.put([lease(name)])
@@ -177,19 +174,19 @@ def test_a_disk_that_hangs_keeps_nobody(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_a_disk_that_is_full_is_no_reason_to_stop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    lease_writer, really = LeaseWriter(tmp_path, ActionLog(tmp_path)), leases.keep
+    lease_writer, really = LeaseWriter(tmp_path, ActionLog(tmp_path)), leases.write_leases
 
     def full(folder: Path, stations: list[StationLease]) -> None:
         raise OSError(errno.ENOSPC, "no room")
 
-    monkeypatch.setattr(leases, "keep", full)
+    monkeypatch.setattr(leases, "write_leases", full)
     lease_writer.put([lease("a")])
     lease_writer.settle(5.0)
     assert not lease_writer.was_cleared  # it never was there: nobody else has seen to it
-    monkeypatch.setattr(leases, "keep", really)
+    monkeypatch.setattr(leases, "write_leases", really)
     lease_writer.put([lease("a")])
     lease_writer.settle(5.0)
-    assert [one.name for one in kept(tmp_path)] == ["a"]
+    assert [one.name for one in read_leases(tmp_path)] == ["a"]
     (tmp_path / NAME).unlink()
     assert lease_writer.was_cleared
 
@@ -298,16 +295,16 @@ def test_guard_and_record_mean_the_same_files() -> None:
 
 
 def test_there_is_one_and_not_two(tmp_path: Path) -> None:
-    with only_one(tmp_path), pytest.raises(RecordError, match="has a guard already"), only_one(tmp_path, 0.05):
+    with guard_lock(tmp_path), pytest.raises(RecordError, match="has a guard already"), guard_lock(tmp_path, 0.05):
         pass
-    with only_one(tmp_path):
+    with guard_lock(tmp_path):
         pass
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_lock_whose_file_was_taken_away_meanwhile_is_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The first ends and removes its file just when a second has opened it; a third makes a new one, and is it."""
-    flock, first, third = fcntl.flock, only_one(tmp_path), only_one(tmp_path)
+    flock, first, third = fcntl.flock, guard_lock(tmp_path), guard_lock(tmp_path)
     first.__enter__()
 
     def second_comes_late(descriptor: int, operation: int) -> None:
@@ -317,7 +314,7 @@ def test_a_lock_whose_file_was_taken_away_meanwhile_is_none(tmp_path: Path, monk
         flock(descriptor, operation)  # which it gets: nobody else has this file any more
 
     monkeypatch.setattr(fcntl, "flock", second_comes_late)
-    with pytest.raises(RecordError, match="has a guard already"), only_one(tmp_path):
+    with pytest.raises(RecordError, match="has a guard already"), guard_lock(tmp_path):
         pass
     third.__exit__(None, None, None)
     assert list(tmp_path.iterdir()) == []
@@ -325,7 +322,7 @@ def test_a_lock_whose_file_was_taken_away_meanwhile_is_none(tmp_path: Path, monk
 
 def test_recovery_waits_for_a_guard_that_is_at_work(tmp_path: Path) -> None:
     folder = few_rows.abandoned(tmp_path)
-    with only_one(folder), pytest.raises(RecordError, match="its guard is at work; nothing was changed"):
+    with guard_lock(folder), pytest.raises(RecordError, match="its guard is at work; nothing was changed"):
         recover(folder, 0.1)
     ActionLog(folder).write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
     (folder / LOCK).touch()  # as one that was killed leaves it
@@ -337,5 +334,5 @@ def test_recovery_waits_for_a_guard_that_is_at_work(tmp_path: Path) -> None:
 def test_a_lock_that_is_a_link_is_not_followed(tmp_path: Path) -> None:
     (tmp_path / "elsewhere").touch()
     (tmp_path / LOCK).symlink_to(tmp_path / "elsewhere")
-    with pytest.raises(OSError, match=os.strerror(errno.ELOOP)), only_one(tmp_path):
+    with pytest.raises(OSError, match=os.strerror(errno.ELOOP)), guard_lock(tmp_path):
         pass

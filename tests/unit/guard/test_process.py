@@ -16,12 +16,10 @@ import pytest
 
 import jbclog
 from jbclog.core.errors import StartRefused
+from jbclog.guard.lease import LOCK, StationLease, read_leases
 from jbclog.guard.lease import NAME as LEASE
-from jbclog.guard.lease import StationLease, kept
-from jbclog.guard.process import UNANSWERED_MOST, GuardLost, GuardProcess
-from jbclog.guard.single_guard import NAME as LOCK
-from jbclog.guard.supervisor import REPLACED_AT_MOST, GuardSupervisor
-from jbclog.guard.watch import RENEW_S
+from jbclog.guard.supervisor import REPLACED_AT_MOST, UNANSWERED_MOST, GuardProcess, GuardSupervisor
+from jbclog.guard.watch import RENEW_S, GuardLost
 from support.command import until
 from support.faults.guarded import guard_process
 
@@ -69,7 +67,7 @@ def test_a_file_of_the_users_does_not_pass_for_a_module(tmp_path: Path, monkeypa
 
 def test_it_leaves_nothing_behind_when_all_is_done(guard: GuardProcess, tmp_path: Path) -> None:
     guard.lease(lease(1))
-    assert until(lambda: kept(tmp_path) == [lease(1)])
+    assert until(lambda: read_leases(tmp_path) == [lease(1)])
     assert (tmp_path / LOCK).exists()
     guard.end()
     assert list(tmp_path.iterdir()) == []
@@ -159,13 +157,13 @@ def test_a_line_of_any_size_fits_while_it_is_starting(tmp_path: Path) -> None:
     for number in range(500):
         guard.lease(lease(number))
     os.kill(guard.pid, signal.SIGCONT)
-    assert until(lambda: len(kept(tmp_path)) == 500)
+    assert until(lambda: len(read_leases(tmp_path)) == 500)
     guard.end()
 
 
 def test_what_is_told_again_is_not_sent_again(guard: GuardProcess, monkeypatch: pytest.MonkeyPatch) -> None:
     sent = []
-    monkeypatch.setattr(guard, "_say", sent.append)
+    monkeypatch.setattr(guard, "_send", sent.append)
     for _ in range(3):
         guard.lease(lease(1))
     assert len(sent) == 1
@@ -176,7 +174,7 @@ def test_a_recorder_that_failed_waits_until_it_has_been_taken_over(guard: GuardP
     guard.lease(UNKNOWN)
     guard.take_over()
     assert "because the recorder failed" in (tmp_path / "guard.jsonl").read_text()
-    assert kept(tmp_path) == [UNKNOWN]  # it goes on trying
+    assert read_leases(tmp_path) == [UNKNOWN]  # it goes on trying
 
 
 # -- one after the other ----------------------------------------------------------------------------------------------------
@@ -231,7 +229,7 @@ def test_the_next_one_is_told_all_leases(tmp_path: Path) -> None:
     os.kill(first, signal.SIGKILL)
     assert until(lambda: supervisor.renew() or supervisor.pid != first)
     (tmp_path / LEASE).unlink(missing_ok=True)
-    assert until(lambda: {one.name for one in kept(tmp_path)} == {"dde-0", "dde-1", "dde-2"})
+    assert until(lambda: {one.name for one in read_leases(tmp_path)} == {"dde-0", "dde-1", "dde-2"})
     assert [kind for kind, _ in told] == ["guard.lost"]
     supervisor.end()
     assert list(tmp_path.iterdir()) == []
@@ -311,4 +309,4 @@ def test_a_lease_that_was_handed_over_is_the_guard_s(tmp_path: Path) -> None:
     supervisor._guard._process.wait()
     supervisor.take_over()
     supervisor.end()
-    assert [one.name for one in kept(tmp_path)] == [UNKNOWN.name]
+    assert [one.name for one in read_leases(tmp_path)] == [UNKNOWN.name]

@@ -8,8 +8,8 @@ from collections.abc import Callable
 
 import pytest
 
-from jbclog.guard import saving
-from jbclog.guard.saving import Saving
+from jbclog.guard import takeover
+from jbclog.guard.takeover import OnceInThread
 
 
 def started_nothing(work: Callable[[], None], arguments: tuple[()]) -> int:
@@ -23,7 +23,7 @@ def refused(work: Callable[[], None], arguments: tuple[()]) -> int:
 
 def test_a_thread_does_it_once() -> None:
     done: list[int] = []
-    one = Saving(lambda: done.append(threading.get_ident()))
+    one = OnceInThread(lambda: done.append(threading.get_ident()))
     one.begin()
     one.do_unless_begun()
     one.await_done(10.0)
@@ -34,9 +34,9 @@ def test_a_thread_does_it_once() -> None:
 @pytest.mark.parametrize("start", [started_nothing, refused])
 def test_what_no_thread_begins_is_done_here(monkeypatch: pytest.MonkeyPatch, start: Callable[..., int]) -> None:
     monkeypatch.setattr(_thread, "start_new_thread", start)
-    monkeypatch.setattr(saving, "BEGUN_S", 0.02)
+    monkeypatch.setattr(takeover, "BEGUN_S", 0.02)
     done: list[int] = []
-    several = [Saving(lambda: done.append(threading.get_ident())) for _ in range(3)]
+    several = [OnceInThread(lambda: done.append(threading.get_ident())) for _ in range(3)]
     for one in several:
         one.begin()
     for one in several:
@@ -47,7 +47,7 @@ def test_what_no_thread_begins_is_done_here(monkeypatch: pytest.MonkeyPatch, sta
 
 def test_one_that_hangs_is_not_awaited_for_ever() -> None:
     hold = threading.Event()
-    one = Saving(lambda: hold.wait(10.0) and None)
+    one = OnceInThread(lambda: hold.wait(10.0) and None)
     one.begin()
     one.do_unless_begun()
     one.await_done(0.02)
@@ -56,12 +56,12 @@ def test_one_that_hangs_is_not_awaited_for_ever() -> None:
 
 def test_one_that_breaks_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(_thread, "start_new_thread", refused)
-    monkeypatch.setattr(saving, "BEGUN_S", 0.0)
+    monkeypatch.setattr(takeover, "BEGUN_S", 0.0)
 
     def broken() -> None:
         raise ValueError("broken")
 
-    one = Saving(broken)
+    one = OnceInThread(broken)
     with pytest.raises(ValueError, match="broken"):
         one.do_unless_begun()
     one.await_done(10.0)

@@ -8,45 +8,45 @@ from contextlib import suppress
 
 import pytest
 
-from jbclog.guard import messages
+from jbclog.guard import action_log
 
 
 @pytest.fixture
 def reading(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
     """The other end of what is its stderr here."""
     reading, writing = os.pipe()
-    monkeypatch.setattr(messages, "STDERR", writing)
+    monkeypatch.setattr(action_log, "STDERR", writing)
     yield reading
     os.close(reading)
     os.close(writing)
 
 
 def test_a_line_is_said_without_what_steers_a_terminal(reading: int) -> None:
-    messages.say("dde-1: \x1b[2J\rthe tool \x07was told – 350 °C")
+    action_log.show("dde-1: \x1b[2J\rthe tool \x07was told – 350 °C")
     assert os.read(reading, 4096).decode() == "jbclog guard: dde-1: �[2J the tool �was told – 350 °C\n"
 
 
 def test_nobody_who_reads_is_waited_for(reading: int) -> None:
-    os.set_blocking(messages.STDERR, False)
+    os.set_blocking(action_log.STDERR, False)
     with suppress(BlockingIOError):
         while True:
-            os.write(messages.STDERR, b"x" * 4096)
-    os.set_blocking(messages.STDERR, True)
-    messages.say("text")  # or it would wait for ever
+            os.write(action_log.STDERR, b"x" * 4096)
+    os.set_blocking(action_log.STDERR, True)
+    action_log.show("text")  # or it would wait for ever
 
 
 def test_a_stderr_that_is_closed_or_hung_up_is_no_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     for end in (0, 1):
         ends = os.pipe()
         os.close(ends[end])
-        monkeypatch.setattr(messages, "STDERR", ends[1])
-        messages.say("text")
+        monkeypatch.setattr(action_log, "STDERR", ends[1])
+        action_log.show("text")
         os.close(ends[1 - end])
 
 
 def test_who_reads_comes_to_the_end(reading: int) -> None:
-    messages.say("first")
-    messages.let_go(messages.STDERR)
-    messages.say("second")
+    action_log.show("first")
+    action_log.close_stream(action_log.STDERR)
+    action_log.show("second")
     assert os.read(reading, 4096) == b"jbclog guard: first\n"
     assert os.read(reading, 4096) == b""
