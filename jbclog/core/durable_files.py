@@ -105,10 +105,11 @@ def line_of(fields: Mapping[str, object]) -> bytes:
 
 
 def fields_of(line: bytes) -> dict[str, object]:
-    """Parse a line without its hash. Raises ValueError, TypeError, AttributeError, KeyError or RecursionError."""
-    fields: dict[str, object] = json_of(line, in_utf8=True)
-    fields.pop("sha256")
-    return fields
+    """Parse a line without its hash. Raises ValueError."""
+    fields = json_of(line, in_utf8=True)
+    if not isinstance(fields, dict) or "sha256" not in fields:
+        raise ValueError("no chained line")
+    return {name: value for name, value in fields.items() if name != "sha256"}
 
 
 def chain_in(data: bytes, first: str, parse: Parse[L], *, what: str, of_first: str) -> LineChain[L]:

@@ -32,7 +32,7 @@ import pyarrow.compute as pc
 from jbclog.core.durable_files import add_line, chain_in, fields_of, first_faults, line_of, lines_in, sha256
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import json_of
+from jbclog.core.foreign.json_reader import build, json_of
 from jbclog.record.manifest import Unit, iso
 from jbclog.record.parts import row_groups
 
@@ -141,11 +141,9 @@ def _report_in(said: Annotation) -> str:
 def _parsed(line: bytes) -> Annotation | None:
     """The annotation in a line; None where it is not, to the byte, what `append` would have written."""
     try:
-        said = Annotation(**fields_of(line))  # type: ignore[arg-type]  # looked at in the next two lines
-        texts = (said.time, said.kind, said.who, said.what, said.why, said.prev_sha256)
-        fits = type(said.seq) is int and all(isinstance(text, str) for text in texts)
-        return said if fits and _says_all(said) and line_of(asdict(said)) == line else None
-    except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
+        said = build(Annotation, fields_of(line))
+        return said if _says_all(said) and line_of(asdict(said)) == line else None
+    except ValueError:
         return None
 
 

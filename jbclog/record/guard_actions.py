@@ -11,7 +11,7 @@ import os
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import replace
+from dataclasses import astuple, dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -19,7 +19,7 @@ import pyarrow as pa
 
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import json_of
+from jbclog.core.foreign.json_reader import build, json_of
 from jbclog.core.locks import try_lock
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.record.batches import decode, encode
@@ -89,14 +89,23 @@ def action_log(folder: Path) -> list[EventRow]:
     return [event for line in lines if (event := _event(line)) is not None]
 
 
+@dataclass(slots=True)
+class _Action:
+    """A line of the action log."""
+
+    time: int
+    kind: str
+    severity: Severity
+    text: str
+    station: str | None
+    port: int | None
+
+
 def _event(line: str) -> EventRow | None:
-    """A torn last line is no event."""
+    """Parse a line; None for one that is torn or changed."""
     try:
-        told = json_of(line)
-        return EventRow(
-            int(told["time"]), str(told["kind"]), Severity(told["severity"]), str(told["text"]), told["station"], told["port"]
-        )
-    except (ValueError, KeyError, TypeError):
+        return EventRow(*astuple(build(_Action, json_of(line))))
+    except ValueError:
         return None
 
 

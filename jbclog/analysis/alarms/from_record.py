@@ -107,7 +107,7 @@ def _lose(episode: Episode, event: EventRow) -> None:
 
 
 def _raise(event: EventRow, standing: dict[Side, Episode], found: list[Episode], reads: Sequence[FlagRead]) -> None:
-    side = _RAISED.get(event.kind) or Side(event.raw or Side.HIGH)
+    side = _RAISED.get(event.kind) or (Side.LOW if event.raw == Side.LOW else Side.HIGH)
     episode = standing.get(side)
     if episode is not None and episode.is_lost:
         _end_if_read_off(episode, [read for read in reads if read.time_us < event.time])

@@ -132,5 +132,5 @@ def _parsed(line: bytes) -> Entry | None:
     try:
         said = build(Entry, fields_of(line))
         return said if _line(said) == line else None
-    except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
+    except ValueError:
         return None

@@ -82,7 +82,7 @@ def _parsed(line: bytes) -> Verification | None:
     try:
         said = build(Verification, fields_of(line))
         return said if line_of(asdict(said)) == line else None
-    except (ValueError, TypeError, AttributeError, KeyError, RecursionError):
+    except ValueError:
         return None
 
 

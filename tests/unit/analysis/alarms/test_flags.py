@@ -41,6 +41,10 @@ def test_a_flag_that_no_temperature_bears_out_is_told_as_that() -> None:
     assert interval(episode) == (10, 12, 12, 14)
 
 
+def test_an_unconfirmed_one_of_a_side_that_is_none_stands_as_too_hot() -> None:
+    assert only(event("alarm.unconfirmed", 12, 10, raw="sideways")).side == "high"
+
+
 def test_one_that_is_borne_out_later_is_the_same() -> None:
     episode = only(event("alarm.unconfirmed", 12, 10), event("alarm.high", 14, 12, 395), event("alarm.high.ended", 16, 14))
     assert episode.is_confirmed
