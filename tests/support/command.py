@@ -5,11 +5,12 @@ from __future__ import annotations
 import json
 import re
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+
+from support.warm_start import Warm
 
 PROFILES = Path(__file__).parents[2] / "profiles"
 RECIPE = PROFILES / "recipes" / "sn100c-tht.toml"
@@ -18,16 +19,19 @@ BENCH = PROFILES / "lines" / "bench.toml"
 
 def jbclog(*arguments: str | Path, timeout: float = 200.0, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
     """Run the command to its end."""
-    return subprocess.run(_command(*arguments), capture_output=True, text=True, timeout=timeout, cwd=cwd, check=False)
+    words = list(map(str, arguments))
+    with Warm(words, cwd) as process:
+        try:
+            told, notes = process.communicate(timeout=timeout)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise
+    return subprocess.CompletedProcess(words, process.returncode, told, notes)
 
 
 def started(*arguments: str | Path) -> subprocess.Popen[str]:
     """The command, left running."""
-    return subprocess.Popen(_command(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
-def _command(*arguments: str | Path) -> list[str]:
-    return [sys.executable, "-c", "from jbclog.cli import main; main()", *map(str, arguments)]
+    return Warm(list(map(str, arguments)))
 
 
 QUESTION = re.compile(rb"\x02\d{4}([RW][ -~]*)\x03", re.DOTALL)
