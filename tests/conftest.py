@@ -72,6 +72,15 @@ def _failed_if_skipped(report: Any) -> Any:
 typer.testing._get_command = functools.cache(typer.testing._get_command)  # type: ignore[attr-defined]
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--row", metavar="TEXT", help="of a test over all rows of a table, only the rows with TEXT in their name")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if row := config.getoption("--row"):
+        os.environ["JBCLOG_ROW"] = row
+
+
 def once_each(pure: Callable[..., Any]) -> Callable[..., Any]:
     """A pure function that is computed once for each input, by the bytes of the input."""
     known: dict[bytes, Any] = {}

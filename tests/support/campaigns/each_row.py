@@ -1,14 +1,18 @@
 """A test over every row of a table, as one test: all rows are tried, and those that fail are told by name.
 
-A test of its own for each of thousands of rows costs more in being collected and reported than in being run.
+A test of its own for each of thousands of rows costs more in being collected and reported than in being run. ``pytest --row TEXT``
+tries the rows that have TEXT in their name.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable
 
 import pytest
 
+CHOSEN = "JBCLOG_ROW"
+"""What ``--row`` sets, for the workers, too."""
 SHOWN = 5
 """So many failures are told whole; of the others the name."""
 
@@ -20,11 +24,15 @@ def each_row(rows: Iterable[tuple[str, tuple[object, ...]]]) -> Callable[[Callab
 
     def over(test: Callable[..., None]) -> Callable[[], None]:
         def every_row() -> None:
-            failed = [(name, why) for name, row in table if (why := _failure(test, row)) is not None]
+            chosen = os.environ.get(CHOSEN, "")
+            some = [(name, row) for name, row in table if chosen in name]
+            if not some:
+                pytest.skip(f"no row has {chosen!r} in its name")
+            failed = [(name, why) for name, row in some if (why := _failure(test, row)) is not None]
             for name, why in failed:
                 why.add_note(f"row: {name}")
             if failed:
-                text = f"{len(failed)} of {len(table)} rows: {', '.join(name for name, _ in failed)}"
+                text = f"{len(failed)} of {len(some)} rows: {', '.join(name for name, _ in failed)}"
                 raise BaseExceptionGroup(text, [why for _, why in failed][:SHOWN])
 
         every_row.__name__, every_row.__qualname__ = test.__name__, test.__qualname__

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from support.campaigns.each_row import each_row
+from support.campaigns.each_row import CHOSEN, each_row
 
 
-def test_every_row_is_tried_and_each_that_fails_is_named() -> None:
+def test_every_row_is_tried_and_each_that_fails_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(CHOSEN, raising=False)
     tried: list[int] = []
 
     @each_row((f"row {number}", (number,)) for number in range(20))
@@ -24,6 +25,17 @@ def test_every_row_is_tried_and_each_that_fails_is_named() -> None:
     assert tried == list(range(20))
     assert [one.__notes__ for one in failed.value.exceptions] == [["row: row 7"], ["row: row 9"], ["row: row 17"]]
     assert (test_not_a_seven.__name__, test_not_a_seven.__doc__) == ("test_not_a_seven", "As it is written.")
+
+
+def test_rows_can_be_chosen_by_their_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[int] = []
+    test = each_row((f"row {number}", (number,)) for number in range(20))(tried.append)
+    monkeypatch.setenv(CHOSEN, "row 1")
+    test()
+    assert tried == [1, *range(10, 20)]
+    monkeypatch.setenv(CHOSEN, "column")
+    with pytest.raises(pytest.skip.Exception, match="no row has 'column'"):
+        test()
 
 
 def test_a_table_without_rows_is_no_test() -> None:

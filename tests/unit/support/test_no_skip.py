@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-CONFTEST = Path(__file__).parents[1] / "conftest.py"
+CONFTEST = Path(__file__).parents[2] / "conftest.py"
 SKIPPED = {
     "a test": "import pytest\ndef test_it():\n    pytest.skip('no ser2net here')\n",
     "a fixture": "import pytest\n@pytest.fixture\ndef f():\n    pytest.skip('no ser2net here')\ndef test_it(f):\n    pass\n",
