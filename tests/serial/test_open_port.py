@@ -123,7 +123,7 @@ def test_a_kind_of_port_that_writes_files_or_loads_code_is_not_even_parsed(tmp_p
     """pyserial's spy:// opens the file that the url names for writing as soon as it reads the url."""
     file = tmp_path / "precious"
     file.write_text("precious")
-    with terminal() as far, pytest.raises(LinkError, match="no port that may be opened"):
+    with terminal() as far, pytest.raises(LinkError, match="not a port that may be opened"):
         open_port(url.format(far=far.url, file=file), LINE)
     make_ready(url.format(far="/dev/null", file=file))
     assert file.read_text() == "precious"

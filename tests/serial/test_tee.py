@@ -66,7 +66,7 @@ def test_a_link_that_breaks_is_lost_once() -> None:
                 port.read(1.0)
         port.close()
     assert [row.what for row in kept] == ["opened", "lost"]
-    assert "hung up" in kept[1].text or "read" in kept[1].text
+    assert "connection lost" in kept[1].text or "read" in kept[1].text
 
 
 def test_a_port_that_cannot_be_opened_is_noted_with_the_reason() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import subprocess
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,7 +19,7 @@ BENCH = PROFILES / "lines" / "bench.toml"
 
 
 def jbclog(*arguments: str | Path, timeout: float = 200.0, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    """Run the command to its end."""
+    """Run the command to its end, in a process that has everything imported."""
     words = list(map(str, arguments))
     with Warm(words, cwd) as process:
         try:
@@ -27,6 +28,12 @@ def jbclog(*arguments: str | Path, timeout: float = 200.0, cwd: Path | None = No
             process.kill()
             raise
     return subprocess.CompletedProcess(words, process.returncode, told, notes)
+
+
+def fresh(*arguments: str | Path, timeout: float = 200.0) -> subprocess.CompletedProcess[str]:
+    """The same in an interpreter of its own."""
+    command = [sys.executable, "-c", "from jbclog.cli import main; main()", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False)
 
 
 def started(*arguments: str | Path) -> subprocess.Popen[str]:
