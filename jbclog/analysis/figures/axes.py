@@ -96,7 +96,7 @@ def dots(axes: Axes, x: ArrayLike, y: ArrayLike, points: float, colour: str, of:
         return
     corners = axes.transData.transform(known)[:, None, :] + points * _dot_pt(axes) * SQUARE
     inside = axes.transData.inverted().transform(corners.reshape(-1, 2)).reshape(-1, 5, 2)
-    _add(axes, inside, of, {"facecolor": colour, "zorder": 2.4})
+    _add(axes, inside, of, {"facecolor": colour, "zorder": 2.4, "clip_on": False})  # whole also at the edge
 
 
 def _add(to: Axes | Figure, corners: Floats, of: str, look: dict[str, Any]) -> None:
