@@ -33,6 +33,7 @@ from jbclog.record.port_owner import holds, recorder_of, runs_that_hold
 from jbclog.session.manual.contact import Target
 from jbclog.session.manual.safe import MadeSafe, StationMadeSafe, make_safe, temperatures
 from jbclog.transport import blocking
+from jbclog.transport.port import Port
 
 ASKED_S: Final = 3.0  # that a run has to let go of the line (docs/reference/commands.md, jbclog safe)
 KILLED_S: Final = 2.0
@@ -89,7 +90,7 @@ def _one(made: StationMadeSafe) -> None:
         made.problem = None
 
 
-def _open(target: Target) -> blocking.DriverPort:
+def _open(target: Target) -> Port:
     return connection.means.open_port(target.url, target.line)
 
 

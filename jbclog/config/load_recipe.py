@@ -80,7 +80,7 @@ def no_cooldown(recipe: Recipe) -> Iterator[Problem]:
         for one in (asked[key] for key in COOLING_DELAYS if key in asked):
             if one.value is OFF:
                 yield recipe.problem(
-                    one.key, 'is "off", so a tool told to stand never cools; give minutes, or run.allow_no_cooldown = true'
+                    one.key, 'is "off", so a tool in stand never cools; give minutes, or run.allow_no_cooldown = true'
                 )
 
 

@@ -88,7 +88,7 @@ Parse = Callable[[bytes], L | None]
 class LineChain(Generic[L]):
     """The readable lines with their hashes, problems as (line number, text), and the hash of the last line (`head`)."""
 
-    said: list[L] = field(default_factory=list)
+    entries: list[L] = field(default_factory=list)
     hashes: list[str] = field(default_factory=list)
     wrong: list[tuple[int, str]] = field(default_factory=list)
     head: str = ""
@@ -121,19 +121,19 @@ def chain_in(data: bytes, first: str, parse: Parse[L], *, what: str, of_first: s
     found: LineChain[L] = LineChain(head=sha256(lines[-1]) if lines else first)
     previous, seq = first, 0
     parsed = [parse(line) for line in lines]
-    for number, (line, said) in enumerate(zip(lines, parsed, strict=True), 1):
-        if said is None:
+    for number, (line, entry) in enumerate(zip(lines, parsed, strict=True), 1):
+        if entry is None:
             if not _is_vouched_for(lines, number, parsed):
                 found.wrong.append((number, _unreadable(data, lines, number, what)))
-        elif said.prev_sha256 != previous:
+        elif entry.prev_sha256 != previous:
             found.wrong.append((number, _broken(number, of_first)))
-        elif said.seq != seq + 1:
-            found.wrong.append((number, f"is numbered {said.seq} and follows {seq}"))
+        elif entry.seq != seq + 1:
+            found.wrong.append((number, f"is numbered {entry.seq} and follows {seq}"))
         previous = sha256(line)
-        if said is not None:
-            found.said.append(said)
+        if entry is not None:
+            found.entries.append(entry)
             found.hashes.append(previous)
-            seq = said.seq
+            seq = entry.seq
     if data and not data.endswith(b"\n") and lines and parsed[-1] is not None:
         found.wrong.append((len(lines), "has lost its end"))
     return found
@@ -187,7 +187,7 @@ def add_line(path: Path, first: str, parse: Parse[L], make: Callable[[int, str],
     with _locked(path) as descriptor:
         before = os.pread(descriptor, os.fstat(descriptor).st_size, 0)
         lines = lines_in(before)
-        seq = max((said.seq for line in lines if (said := parse(line)) is not None), default=0) + 1
+        seq = max((entry.seq for line in lines if (entry := parse(line)) is not None), default=0) + 1
         line = make(seq, sha256(lines[-1]) if lines else first)
         _add(descriptor, before, line)
     sync_folder(path.parent)
@@ -206,7 +206,7 @@ def add_lines(path: Path, first: str, parse: Parse[L], items: Iterable[Item], ma
     with _locked(path) as descriptor:
         before = _end_of(descriptor, parse)
         lines = lines_in(before)
-        last = next((said.seq for line in reversed(lines) if (said := parse(line)) is not None), 0)
+        last = next((entry.seq for line in reversed(lines) if (entry := parse(line)) is not None), 0)
         previous, made = sha256(lines[-1]) if lines else first, list[bytes]()
         for seq, item in enumerate(items, last + 1):
             made.append(make(item, seq, previous))

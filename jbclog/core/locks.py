@@ -108,9 +108,9 @@ class FolderLock:
     def name(self) -> str:
         return NAME
 
-    def write_status(self, said: CommitStatus) -> None:
+    def write_status(self, status: CommitStatus) -> None:
         """Write the commit status. Not synced: it survives a kill, and may lag after a power cut."""
-        text = json.dumps({"pid": os.getpid(), "boot": boot_id(), **asdict(said)})
+        text = json.dumps({"pid": os.getpid(), "boot": boot_id(), **asdict(status)})
         with contextlib.suppress(OSError):  # a failing disk is reported elsewhere
             os.pwrite(self.descriptor, text.ljust(WIDTH).encode(), 0)
 

@@ -161,7 +161,7 @@ def read_book(path: Path) -> Book:
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {_why(error)}") from error
     found: LineChain[Entry] = chain_in(data, FIRST, read_line, what="line of a ledger", of_first="a ledger's beginning")
-    return Book(path, found.said, found.wrong, found.head)
+    return Book(path, found.entries, found.wrong, found.head)
 
 
 def add(path: Path, entries: Iterable[Entry]) -> list[Entry]:

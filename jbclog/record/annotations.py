@@ -121,14 +121,14 @@ def read(folder: Path) -> Annotations:
         raise RecordError(f"{folder / NAME} cannot be read: {error.strerror or error}") from error
     found = chain_in(data, first, _parsed, what="annotation", of_first="the manifest")
     lines = lines_in(data)
-    vouching = {link for said, link in zip(found.said, found.hashes, strict=True) if said.kind == VOUCHED}
+    vouching = {link for said, link in zip(found.entries, found.hashes, strict=True) if said.kind == VOUCHED}
     links = [sha256(line) for line in lines]
     return Annotations(
-        [said for said in found.said if said.kind != VOUCHED],
+        [said for said in found.entries if said.kind != VOUCHED],
         first_faults(found.wrong),
         next((link for link in reversed(links) if link not in vouching), first),
         frozenset({first, *links}),
-        next((_report_in(said) for said in reversed(found.said) if said.kind == VOUCHED), None),
+        next((_report_in(said) for said in reversed(found.entries) if said.kind == VOUCHED), None),
     )
 
 

@@ -96,11 +96,11 @@ class Device:
         if asked is None:
             return self.refuse(text, self._why_unknown(header, text), now)
         answer = self._read(asked, now) if header == "R" else self._write(asked, text[3:], now)
-        return answer if answer[0] == "N" else self._said(asked, text, answer[1])
+        return answer if answer[0] == "N" else self._final_answer(asked, text, answer[1])
 
-    def _said(self, asked: TableRequest, question: str, text: str) -> Answer | None:
-        said = self.quirks.say(asked, question, text)
-        return None if said is None else ("A", said)
+    def _final_answer(self, asked: TableRequest, question: str, text: str) -> Answer | None:
+        answer_text = self.quirks.say(asked, question, text)
+        return None if answer_text is None else ("A", answer_text)
 
     def refuse(self, text: str, code: int, now: float) -> Answer:
         """Refuse with N and communication error `code`."""

@@ -256,7 +256,7 @@ class VirtualOmega:
         if by_itself:
             at = after + late_s + len(sent) * self._character_s
         else:
-            at = self._pace.said(len(sent), after + late_s + self._delay_s())
+            at = self._pace.sent_at(len(sent), after + late_s + self._delay_s())
         return [] if self.is_unplugged(at) else [Reply(at, sent)]
 
     def _delay_s(self) -> float:

@@ -234,11 +234,11 @@ class Quirks:
 
     def say(self, asked: TableRequest, question: str, text: str) -> str | None:
         """Return the text after the A of the answer to `question` (code and data); None is silence."""
-        said: str | None = text
+        answer_text: str | None = text
         for quirk in self._quirks:
-            if quirk.say is not None and said is not None:
-                said = quirk.say(ParsedRequest(asked, question), said)
-        return said
+            if quirk.say is not None and answer_text is not None:
+                answer_text = quirk.say(ParsedRequest(asked, question), answer_text)
+        return answer_text
 
     def refusal(self, text: str) -> str:
         """Return the text after the N of a refusal."""

@@ -140,7 +140,7 @@ CLEARED = tuple(command.letters for command in READINGS if command.effect is Eff
 
 def is_understood(one: Exchange) -> bool:
     """Whether a correct frame arrived before the next request."""
-    heard = said(one)
+    heard = received(one)
     if frame.only_reads(one.question):
         return any(isinstance(found, Frame) for found in FrameReader().feed(heard))
     if omega.only_reads(one.question):
@@ -150,12 +150,12 @@ def is_understood(one: Exchange) -> bool:
 
 def has_flags(one: Exchange) -> bool:
     """Whether the answer has flags that the station clears when they are read."""
-    heard = FrameReader().feed(said(one))
+    heard = FrameReader().feed(received(one))
     found = next((answer for answer in heard if isinstance(answer, Frame) and answer.header == "A"), None)
     return found is not None and found.text.startswith(CLEARED) and found.text[3:].strip("0") != ""
 
 
-def said(one: Exchange) -> bytes:
+def received(one: Exchange) -> bytes:
     """Return all bytes of the answer."""
     return b"".join(data for _, data in one.replies)
 
@@ -202,12 +202,12 @@ class RetryGroup:
 
     def believed(self, before: Exchange | None) -> Exchange | None:
         """Return the accepted answer, which is `before` where none of these was."""
-        last, others = self.all[-1], [said(one) for one in self.all[:-1]]
+        last, others = self.all[-1], [received(one) for one in self.all[:-1]]
         if before is None:
             return last if last.replies else None
         if not is_understood(last):
             return before
-        is_proven = len(self.all) <= BELIEVED_AT_ONCE or said(last) in (*others, said(before))
+        is_proven = len(self.all) <= BELIEVED_AT_ONCE or received(last) in (*others, received(before))
         return last if is_proven else before
 
 

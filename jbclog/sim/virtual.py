@@ -147,22 +147,22 @@ class Reply(NamedTuple):
 class LineTiming:
     """Transmission times on a full-duplex line that carries one character after the other."""
 
-    __slots__ = ("_character_s", "_heard", "_said", "_turnaround_s")
+    __slots__ = ("_character_s", "_heard", "_sent_at", "_turnaround_s")
 
     def __init__(self, character_s: float, turnaround_s: float) -> None:
         self._character_s = character_s
         self._turnaround_s = turnaround_s
-        self._heard = self._said = float("-inf")
+        self._heard = self._sent_at = float("-inf")
 
     def heard(self, characters: int, now: float) -> float:
         """Return when the station has received the last of `characters` written at `now`."""
         self._heard = max(self._heard, now) + characters * self._character_s
         return self._heard
 
-    def said(self, characters: int, after: float) -> float:
+    def sent_at(self, characters: int, after: float) -> float:
         """Return when the last of `characters` has arrived that the station starts to send at `after`."""
-        self._said = max(self._said, after + self._turnaround_s) + characters * self._character_s
-        return self._said
+        self._sent_at = max(self._sent_at, after + self._turnaround_s) + characters * self._character_s
+        return self._sent_at
 
 
 class VirtualStation:
@@ -269,7 +269,7 @@ class VirtualStation:
             self.log.struck.extend(FaultyAnswer(heard, fault.kind, clean, sent) for fault in struck)
         if not sent:
             return None
-        at = self._pace.said(len(sent), heard + late_s)
+        at = self._pace.sent_at(len(sent), heard + late_s)
         return None if self.is_unplugged(at) else Reply(at, sent)
 
 

@@ -3,27 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from jbclog.core.clock import Clock, SystemClock
 from jbclog.core.errors import LinkError
 from jbclog.core.io_requests import Ask, Gather, IoResult, Listen, Request, Steps, Wait
-from jbclog.transport.port import REST_S, Budget
+from jbclog.transport.port import REST_S, Budget, Port
 
 T = TypeVar("T")
 
 
-class DriverPort(Protocol):
-    """What a driver needs of an open port (`transport.port.Port` is one)."""
-
-    def fileno(self) -> int | None: ...
-    def write(self, data: bytes) -> None: ...
-    def read_now(self) -> bytes: ...
-    def read(self, timeout_s: float) -> bytes: ...
-    def close(self) -> None: ...
-
-
-OpenPort = Callable[[], DriverPort]
+OpenPort = Callable[[], Port]
 
 
 def run(steps: Steps[T], open_port: OpenPort, *, sleep: Callable[[float], None], clock: Clock | None = None) -> T:
@@ -54,7 +44,7 @@ class _Driver:
         self._open_port = open_port
         self._sleep = sleep
         self._now = clock.monotonic
-        self._port: DriverPort | None = None
+        self._port: Port | None = None
         self._sent = 0.0
         self._budget = Budget()
         self._rests_until = 0.0  # pause of a flooded port; without it this thread would starve the others
@@ -77,7 +67,7 @@ class _Driver:
         self._port = self._open_port()
         return self._heard(b"")
 
-    def _read(self, port: DriverPort, until: float) -> bytes:
+    def _read(self, port: Port, until: float) -> bytes:
         """Return the next bytes, or none at `until`."""
         if self._rests_until:
             self._sleep(max(min(self._rests_until, until) - self._now(), 0.0))
@@ -100,7 +90,7 @@ class _Driver:
         except LinkError:
             return b""
 
-    def _open(self) -> DriverPort:
+    def _open(self) -> Port:
         if self._port is None:
             raise LinkError("the port is not open")
         return self._port

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 
 from jbclog.core.errors import LinkError
-from jbclog.transport.blocking import DriverPort
+from jbclog.transport.port import Port
 
 PUMP_S = 0.2  # how often the thread checks whether to stop
 
@@ -18,9 +18,7 @@ class Pump:
     It reads the next piece once the loop has taken the last one and the pump is not paused by `rest`.
     """
 
-    def __init__(
-        self, loop: asyncio.AbstractEventLoop, port: DriverPort, take: Callable[[Pump, bytes, LinkError | None], None]
-    ) -> None:
+    def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, take: Callable[[Pump, bytes, LinkError | None], None]) -> None:
         self._loop = loop
         self._port = port
         self._take = take

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 from jbclog.core.errors import LinkError, cause
 from jbclog.core.io_requests import Ask, Gather, IoResult, Listen, Request, RunEnded, Steps, Wait
-from jbclog.transport.blocking import DriverPort, OpenPort
-from jbclog.transport.port import MOST_KEPT, REST_S, Budget
+from jbclog.transport.blocking import OpenPort
+from jbclog.transport.port import MOST_KEPT, REST_S, Budget, Port
 from jbclog.transport.port_thread import Pump
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class SessionRunner:
         self._session = session
         self._send, self._throw = session.send, session.throw
         self._open_port = open_port
-        self._port: DriverPort | None = None
+        self._port: Port | None = None
         self._fileno: int | None = None
         self._pump: Pump | None = None
         self._broken: LinkError | None = None  # found between requests; raised at the next one
@@ -290,13 +290,13 @@ class SessionRunner:
         future = self._reactor.openers.submit(self._open_after, closing)
         future.add_done_callback(lambda done: self._loop.call_soon_threadsafe(self._on_opened, done))
 
-    def _open_after(self, closing: Future[None] | None) -> DriverPort:
+    def _open_after(self, closing: Future[None] | None) -> Port:
         """In a thread: a port is locked as long as it is open."""
         if closing is not None:
             closing.result()
         return self._open_port()
 
-    def _on_opened(self, done: Future[DriverPort]) -> None:
+    def _on_opened(self, done: Future[Port]) -> None:
         self._opening = False
         error = done.exception()
         if error is None:
@@ -311,7 +311,7 @@ class SessionRunner:
         else:
             self._send_result(self._now(), b"")
 
-    def _take_port(self, port: DriverPort) -> None:
+    def _take_port(self, port: Port) -> None:
         self._port, self._broken, self._unasked = port, None, b""
         self._fileno = port.fileno()
         if self._fileno is None:

@@ -6,7 +6,7 @@ import pytest
 
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.run.identify import SAID
+from jbclog.session.run.identify import IDENTITY_READS
 from jbclog.session.run.pace import readings_for
 from support.virtual.lines import hot_air, plant
 from support.virtual.virtual_run import VirtualRun, line_text, prepare
@@ -166,7 +166,7 @@ def test_model_and_software_are_read_as_often_as_the_counters_and_planned_for() 
         ("model", 1, None, 60.0),
         ("software_version", 1, None, 60.0),
     ]
-    assert {name: counts["due"] for name, counts in run.facts.watched["1"].items() if name in SAID} == {
+    assert {name: counts["due"] for name, counts in run.facts.watched["1"].items() if name in IDENTITY_READS} == {
         "model": 5,
         "software_version": 5,
     }

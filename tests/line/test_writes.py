@@ -73,7 +73,7 @@ def test_omega_s_condition_is_on_the_list_only_where_that_is_allowed(allowed: bo
     (context,) = run.contexts.values()
     condition = condition_of(context.recipe, context.family)
     assert condition is not None
-    with nullcontext() if allowed else pytest.raises(WriteForbidden, match="nobody asked for"):
+    with nullcontext() if allowed else pytest.raises(WriteForbidden, match="the run does not allow"):
         listed(context)(context.command("store_condition"), condition, None, None)
 
 
@@ -115,18 +115,30 @@ def slips_in(monkeypatch: pytest.MonkeyPatch, name: str, value: object, port: in
     [
         ("restart", 0, None, None, "dde-1: restart is nothing that a run may write; it was not sent"),
         ("maximum_temperature", 400, None, None, "dde-1: maximum temperature is nothing that a run may write; it was not sent"),
-        ("selected_temperature", 355, 1, None, "dde-1: selected temperature of port 1: nobody asked for 355; it was not sent"),
-        ("selected_temperature", 350, 4, None, "dde-1: selected temperature of port 4: nobody asked for 350; it was not sent"),
+        (
+            "selected_temperature",
+            355,
+            1,
+            None,
+            "dde-1: selected temperature of port 1: the run does not allow 355; it was not sent",
+        ),
+        (
+            "selected_temperature",
+            350,
+            4,
+            None,
+            "dde-1: selected temperature of port 4: the run does not allow 350; it was not sent",
+        ),
         (
             "sleep_delay",
             350,
             1,
             None,
-            "dde-1: sleep delay of port 1: nobody asked for 350; it was not sent",
+            "dde-1: sleep delay of port 1: the run does not allow 350; it was not sent",
         ),  # 350 °C are another's
-        ("sleep_delay", 5, 1, 9, "dde-1: sleep delay of port 1: nobody asked for 5; it was not sent"),
-        ("adjust", 1, 1, 2, "dde-1: adjust of port 1: nobody asked for 1; it was not sent"),
-        ("status", (0, 0, 0, 1, 0), 1, None, "dde-1: status of port 1: nobody asked for 00010; it was not sent"),
+        ("sleep_delay", 5, 1, 9, "dde-1: sleep delay of port 1: the run does not allow 5; it was not sent"),
+        ("adjust", 1, 1, 2, "dde-1: adjust of port 1: the run does not allow 1; it was not sent"),
+        ("status", (0, 0, 0, 1, 0), 1, None, "dde-1: status of port 1: the run does not allow 00010; it was not sent"),
     ],
 )
 def test_what_is_not_on_the_list_is_refused_and_the_tools_are_made_safe(

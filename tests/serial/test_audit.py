@@ -24,7 +24,7 @@ from jbclog.maintenance.verification import Given, keep, own_of, verify
 from jbclog.record.live import LiveStore
 from jbclog.record.manifest import LineFile, Manifest, write_manifest
 from jbclog.sim.process import SimProcess
-from jbclog.transport.blocking import DriverPort
+from jbclog.transport.port import Port
 from support.command import RECIPE, WireLog, is_sampling, started, until
 from support.faults.small_disk import small_disk
 
@@ -149,7 +149,7 @@ def _note_opened(monkeypatch: pytest.MonkeyPatch, opened: list[str]) -> None:
     """Keep which stations' ports the audits come to have."""
     real = survey._open
 
-    def noted(wanted: SurveyTarget) -> DriverPort:
+    def noted(wanted: SurveyTarget) -> Port:
         port = real(wanted)
         opened.append(wanted.target.name)
         return port

@@ -16,7 +16,7 @@ from jbclog.cli.app import app
 from jbclog.maintenance.counter_totals.observed import Observation
 from jbclog.maintenance.ledger import read_book
 from jbclog.sim.process import SimProcess
-from jbclog.transport.blocking import DriverPort
+from jbclog.transport.port import Port
 from support.command import RECIPE, WireLog, is_sampling, jbclog, started, until
 
 SOURCE = """[line]
@@ -62,7 +62,7 @@ def when_open(monkeypatch: pytest.MonkeyPatch, act: Callable[[], None]) -> None:
     """Do that while the audit has the port, before it asks anything."""
     real = survey._open
 
-    def opened(wanted: SurveyTarget) -> DriverPort:
+    def opened(wanted: SurveyTarget) -> Port:
         port = real(wanted)
         act()
         return port

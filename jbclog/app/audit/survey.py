@@ -28,7 +28,7 @@ from jbclog.core.serial_line import PortAddress, port_address
 from jbclog.maintenance.counter_totals.observed import Observation
 from jbclog.record.port_owner import run_of, run_that_holds
 from jbclog.transport import blocking
-from jbclog.transport.blocking import DriverPort
+from jbclog.transport.port import Port
 from jbclog.transport.read_only import ReadOnly
 from jbclog.transport.system_ports import processes_text, sharers_of
 
@@ -129,7 +129,7 @@ def _by_wire(wanted: Sequence[SurveyTarget]) -> list[list[SurveyTarget]]:
     return [wire for _, wire in wires]
 
 
-def _open(wanted: SurveyTarget) -> DriverPort:
+def _open(wanted: SurveyTarget) -> Port:
     """The port, for questions only. One that another program reads, too, is left alone: it would lose its answers."""
     target = wanted.target
     sharers = sharers_of(target.url)

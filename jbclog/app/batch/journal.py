@@ -120,7 +120,7 @@ def read(folder: Path) -> list[Entry]:
     if wrong:
         number, text = wrong[0]
         raise RecordError(f"{path}: line {number} {text}; nothing was started. {WAY_OUT.format(folder)}")
-    return found.said
+    return found.entries
 
 
 def _line(entry: Entry) -> bytes:

@@ -75,7 +75,7 @@ def read_book(out: Path) -> Book:
         return Book()
     except OSError as error:
         raise RecordError(f"{out / NAME} cannot be read: {error.strerror or error}") from error
-    return Book(found.said, found.hashes, first_faults(found.wrong), found.head)
+    return Book(found.entries, found.hashes, first_faults(found.wrong), found.head)
 
 
 def _parsed(line: bytes) -> Verification | None:

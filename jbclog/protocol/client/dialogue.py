@@ -303,15 +303,15 @@ class Dialogue:
 
     def _why_no_answer(self, frame: Frame) -> str:
         """Describe a frame that is not the answer, with its address if that is another one."""
-        said, pair, own = f"{frame.header}{frame.text}", (frame.source, frame.target), (self.address, self.host_address)
+        description, pair, own = f"{frame.header}{frame.text}", (frame.source, frame.target), (self.address, self.host_address)
         expected = [(None, None)] if self.address is None else [own, own[::-1], *self._moving]
         if pair in expected:
-            return f"{said}, which is no answer to it"
+            return f"{description}, which is no answer to it"
         if frame.source is None:
-            return f"{said} without an address, not from address {self.address:02d}"
+            return f"{description} without an address, not from address {self.address:02d}"
         other = next((one for one in pair if one not in own), frame.source)
         asked = "though no address is used" if self.address is None else f"not {self.address:02d}"
-        return f"{said} from address {other:02d}, {asked}"
+        return f"{description} from address {other:02d}, {asked}"
 
     def _rest_of(self, question: Question, corrupt: CorruptFrame, end: float) -> float:
         """Return until when to listen after a corrupt frame: one as long as the answer was the answer."""

@@ -78,7 +78,7 @@ class Station(Dialogue):
         return self._ask_short(question) if question.is_short else self._ask(question)
 
     def _ask(self, question: Question) -> Steps[Value]:
-        tries, said = question.tries, None
+        tries, last_data = question.tries, None
         while True:
             tries -= 1
             if question.code in self._doubted:
@@ -89,9 +89,9 @@ class Station(Dialogue):
             except ValueError as error:  # a complete answer, so none is on its way
                 failure: StationError = AnswerFormat(f"{question.title()}: {error}")
             except AnsweredByOtherCode as error:
-                if error.data == said:
+                if error.data == last_data:
                     return self._believed(question, error.data)
-                said, failure = error.data, error
+                last_data, failure = error.data, error
                 self._is_overdue = True  # drain the line first
             except (*UNCERTAIN, NotReceived) as error:
                 failure = error

@@ -236,7 +236,7 @@ LINK = (
     Decision(
         14,
         "A frame for another address or without one: silence or N 2",
-        "silence and N 2 alike mean that nobody is there under this address",
+        "silence and N 2 alike mean that no station has this address",
         "It matters only to who seeks a station (`scan`, `doctor`, and after W-SAD), and who seeks counts neither as an answer.",
         ("refuses_other_addresses",),
     ),
@@ -380,7 +380,7 @@ VALUES = (
         "blanks on either side are left out, any length is accepted, and its beginning gives the family",
         "UCR245 does not fit in five characters, so either the field is longer or the name is cut.",
         ("six_letter_model", "model_cut_to_five", "model_unpadded"),
-        "The model name is not what fills five characters; its beginning is enough to tell the family.",
+        "The model name is not what fills five characters; its beginning is enough for the family.",
     ),
     Decision(
         35,
@@ -399,7 +399,7 @@ VALUES = (
         "ADCx; ACDx only from a station that never used ADCx, and only when two answers agree (`protocol/client/robot.py`)",
         "The text of R-DCx is a copy of R-CDx; a late or repeated ACDx must not become a count of dispensed cycles.",
         ("dispensed_cycles_answers_acd",),
-        "R-DC is answered by ACD; it was asked twice over a drained line, and said the same.",
+        "R-DC is answered by ACD; it was read twice over a drained line, with the same answer.",
         doubtful=True,
     ),
     Decision(

@@ -82,12 +82,12 @@ def address_of(answer: Frame) -> int | None:
 def not_settled(line: LineFormat, given: Sequence[Frame]) -> StationFound:
     """Return a station that answers, but never twice the same to R-SMN: nothing is known about it."""
     found = StationFound(line, address_of(given[0]), contradicts=len(given) > 1)
-    said = ", ".join(_said(answer) for answer in given)
-    found.trouble = f"it answered its model as {said}" if found.contradicts else f"it answered its model, {said}, once only"
+    answers = ", ".join(_answer_text(answer) for answer in given)
+    found.trouble = f"it answered its model as {answers}" if found.contradicts else f"it answered its model, {answers}, once only"
     return found
 
 
-def _said(answer: Frame) -> str:
+def _answer_text(answer: Frame) -> str:
     """Format: ``'DDE' from address 01``."""
     address = address_of(answer)
     what = f"'{answer.text[len(MODEL.letters) :].strip()}'" if answer.header == "A" else f"N {answer.text[-5:]}"

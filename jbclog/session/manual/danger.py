@@ -26,7 +26,7 @@ WHAT: Final[Mapping[str, str]] = MappingProxyType(
         "store": "writes the selected temperatures into the station's EEPROM, which wears with every write",
         "address": "gives the station another address on its line; 0 switches addresses off, and no manual prints the way back",
         "ignore_fuse_error": "lets the station go on working although its fuse is reported to be missing",
-        "start_feeding": "starts the solder feeder: wire moves until the length is fed, or until it is told to stop",
+        "start_feeding": "starts the solder feeder: wire moves until the length is fed, or until it is stopped",
         "store_condition": "writes over one of the controller's solder conditions, for whoever runs it next",
         "run_condition": "runs a solder condition now: the machine moves and feeds solder",
     }

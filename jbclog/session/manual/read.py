@@ -91,13 +91,13 @@ def _moving(contact: Contact, command: Command, place: Place, possible: Possible
             raise _cannot_be(command, place, [answer])
     if not any(map(possible, given)):
         raise _cannot_be(command, place, given)
-    said = ", ".join(map(command.shown, given))
-    raise ImplausibleAnswer(f"{title(command, place)}: the station says {said} when asked {len(given)} times; {COMPARE}")
+    answers_text = ", ".join(map(command.shown, given))
+    raise ImplausibleAnswer(f"{title(command, place)}: the station says {answers_text} when asked {len(given)} times; {COMPARE}")
 
 
 def _cannot_be(command: Command, place: Place, given: Sequence[Value]) -> ImplausibleAnswer:
-    said = ", ".join(dict.fromkeys(map(command.shown, given)))
-    return ImplausibleAnswer(f"{title(command, place)}: the station says {said}, which cannot be; {COMPARE}")
+    answers_text = ", ".join(dict.fromkeys(map(command.shown, given)))
+    return ImplausibleAnswer(f"{title(command, place)}: the station says {answers_text}, which cannot be; {COMPARE}")
 
 
 def settled(given: Sequence[Value], apart: int) -> Value | None:
@@ -182,9 +182,9 @@ def _reading(contact: Contact, command: Command, place: Place) -> Steps[ReadResu
     except (StationSilent, RobotModeOff) as error:
         raise StartRefused(f"{contact.name}: {error}") from error
     except StationError as error:
-        said = client.data if isinstance(error, ImplausibleAnswer) else ""
+        answers_text = client.data if isinstance(error, ImplausibleAnswer) else ""
         is_absent = isinstance(error, NotSupported)
-        failed = ReadResult(command, place, None, said, client.now, error.reason, sentence(error), is_absent=is_absent)
+        failed = ReadResult(command, place, None, answers_text, client.now, error.reason, sentence(error), is_absent=is_absent)
         return (yield from _unless_void(contact, failed)) if isinstance(error, Refusal | ImplausibleAnswer) else failed
     if value == WITHOUT_DIGIT:
         return ReadResult(command, place, None, client.data, client.heard, "no_digit", WITHOUT_DIGIT, is_void=True)

@@ -243,7 +243,7 @@ def _order_over_flood(target: Target, family: Family, made: StationMadeSafe, flo
 
 
 def _unconfirmed(tool: ToolSafety, task: SafetyTask) -> str:
-    what = "was told to rest and does not confirm it" if tool.reached == SafetyResult.SENT else "could not be made safe"
+    what = "was ordered to rest and does not confirm it" if tool.reached == SafetyResult.SENT else "could not be made safe"
     return f"it {what}{'' if task.flood is None else ' (its link is flooded)'}; it may be hot: {SWITCH_OFF}"
 
 

@@ -123,7 +123,7 @@ class SessionContext:
         self.doubted: Counter[str] = Counter()  # answers read again before being accepted, by command
         self.link_is_faster: str | None = None  # than its stated line format, in words
         self.plugged_hours: dict[int, tuple[int, float]] = {}  # by port, with the time of the reading
-        self.said_at: dict[str, float] = {}  # when model and software were last confirmed
+        self.identity_at: dict[str, float] = {}  # when model and software were last confirmed
         self.is_flooded = False  # its link is, and that was reported
         self.flood_pause_s = 0.0  # before a flooded link is reopened
         self.flood_ended: float | None = None  # when the station was back after the last flood

@@ -103,7 +103,7 @@ def _heat(context: SessionContext) -> tuple[Severity, str]:
 # swapped between two requests; model and software are read as often as the counters. Two units of one model and software
 # with equal hours cannot be distinguished by anything that the manuals print. OMEGA reports none of these.
 
-SAID = ("model", "software_version")  # reads of the identity that stay constant during a run
+IDENTITY_READS = ("model", "software_version")  # reads of the identity that stay constant during a run
 RESOLUTION_H = 1  # the counters count whole hours
 DRIFT = 0.01  # maximum difference between the station's clock and ours
 ROLLS_OVER_AT = 100_000  # five digits
@@ -111,7 +111,7 @@ ROLLS_OVER_AT = 100_000  # five digits
 
 def learn_identity(context: SessionContext) -> Steps[None]:
     """Note the plugged hours of each port, with model and software, to recognize the station later."""
-    context.said_at = dict.fromkeys(SAID, context.now)
+    context.identity_at = dict.fromkeys(IDENTITY_READS, context.now)
     for number in context.ports:
         hours = yield from _hours(context, number)
         if hours is not None:
@@ -132,7 +132,7 @@ def recognise(context: SessionContext, model: str | None) -> Steps[bool]:
         context.note("identity.changed", Severity.CRITICAL, text, raw=model)
     context.stranger = other
     if context.is_proven:
-        context.said_at = dict.fromkeys(SAID, context.now)
+        context.identity_at = dict.fromkeys(IDENTITY_READS, context.now)
     return context.is_proven
 
 
@@ -166,18 +166,18 @@ def expect_same(context: SessionContext, number: int, hours: Value) -> None:
     context.plugged_hours[number] = hours, context.now
 
 
-def is_said(context: SessionContext, name: str, value: Value) -> bool:
+def is_this_identity(context: SessionContext, name: str, value: Value) -> bool:
     """Whether `value` is the model or software that the station had at the start."""
-    return value == (context.facts.model if name == SAID[0] else context.facts.software)
+    return value == (context.facts.model if name == IDENTITY_READS[0] else context.facts.software)
 
 
-def expect_said(context: SessionContext, name: str, value: Value) -> None:
+def expect_identity(context: SessionContext, name: str, value: Value) -> None:
     """Raise `OtherStation` where a model or software just read is not that of this run's station."""
-    if not is_said(context, name, value):
-        known = context.facts.model if name == SAID[0] else context.facts.software
+    if not is_this_identity(context, name, value):
+        known = context.facts.model if name == IDENTITY_READS[0] else context.facts.software
         what = name.replace("_", " ")
-        raise OtherStation(f"its {what} is {value}, and was {known}", since=context.said_at.get(name, context.order.t0))
-    context.said_at[name] = context.now
+        raise OtherStation(f"its {what} is {value}, and was {known}", since=context.identity_at.get(name, context.order.t0))
+    context.identity_at[name] = context.now
 
 
 def _can_be(hours: int, before: int, seconds: float) -> bool:

@@ -11,7 +11,7 @@ from jbclog.core.rows import StationFacts
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import Family
 from jbclog.session.run.context import AS_AUTO, AS_FAST_AS_POSSIBLE, AS_FIT, SessionContext
-from jbclog.session.run.identify import SAID
+from jbclog.session.run.identify import IDENTITY_READS
 from jbclog.session.run.watch import WATCHED_SETTINGS
 from jbclog.session.scheduler import (
     AUTO_RATES_HZ,
@@ -42,8 +42,8 @@ def readings_for(family: Family, ports: Sequence[int], recipe: Recipe, line: Lin
     counters = [(counter, family.commands[counter.command]) for counter in family.counters]
     watched = [family.commands[name] for name in WATCHED_SETTINGS if name in family.commands]
     found = readings_of(signals, counters, ports, line, addressed, sampling.alarms_every_s, sampling.counters_every_s)
-    said = [family.commands[name] for name in SAID if name in family.commands]
-    found += identity_readings(said, ports, line, addressed, sampling.counters_every_s)
+    identity = [family.commands[name] for name in IDENTITY_READS if name in family.commands]
+    found += identity_readings(identity, ports, line, addressed, sampling.counters_every_s)
     return found + watched_readings(watched, ports, line, addressed, sampling.counters_every_s)
 
 

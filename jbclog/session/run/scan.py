@@ -16,7 +16,7 @@ from jbclog.protocol.client.interface import PreparedRead
 from jbclog.protocol.commands.family import NEEDS_A_TOOL
 from jbclog.session.run.alarms import AlarmWatch, bears_out
 from jbclog.session.run.context import PortState, SessionContext
-from jbclog.session.run.identify import SAID, expect_said, expect_same, is_said
+from jbclog.session.run.identify import IDENTITY_READS, expect_identity, expect_same, is_this_identity
 from jbclog.session.run.readings import NO_DIGIT, Doubt, Fill, SecondLook, fill_of, possible_of, unusable, void
 from jbclog.session.run.watch import (
     OBSERVERS,
@@ -44,7 +44,7 @@ def _differs_from_held(name: str) -> Doubt:
 
 
 def _differs_from_said(name: str) -> Doubt:
-    return lambda context, port, value: not is_said(context, name, value)
+    return lambda context, port, value: not is_this_identity(context, name, value)
 
 
 def _differs_from_counted(name: str) -> Doubt:
@@ -83,7 +83,7 @@ DOUBTS: dict[str, Doubt] = {
     "preparing": differs_from_last("preparing"),
     "set_flow_permille": _differs_from_held("selected_air_flow"),
     **{name: _differs_from_held(name) for name in WATCHED_SETTINGS},
-    **{name: _differs_from_said(name) for name in SAID},
+    **{name: _differs_from_said(name) for name in IDENTITY_READS},
 }
 
 
@@ -159,7 +159,7 @@ class Scanner:
             if probe.reading.command.name == self._context.family.hours:
                 expect_same(self._context, probe.port.number, value)
             if probe.reading.is_identity:
-                expect_said(self._context, probe.reading.name, value)
+                expect_identity(self._context, probe.reading.name, value)
         except NotSupported as error:
             self._lacks(probe, scan, error)
         except (StationError, LinkError) as error:

@@ -57,7 +57,7 @@ def listed(context: SessionContext) -> Permit:
         if command.name not in WRITES:
             raise WriteForbidden(f"{_title(context, command, port)} is nothing that a run may write; it was not sent")
         if value not in _values(context, command, port) or not _is_its_tool(context, port, tool):
-            asked = f"{_title(context, command, port)}: nobody asked for {text_of(value)}"
+            asked = f"{_title(context, command, port)}: the run does not allow {text_of(value)}"
             raise WriteForbidden(f"{asked}; it was not sent")
 
     return permit

@@ -193,10 +193,10 @@ def report_completions(context: SessionContext) -> None:
     """Report unsolicited messages: a joint is completed that somebody else, or an earlier order, began."""
     if not isinstance(context.station, OmegaStation):
         return
-    for said in context.station.completions:
-        kind = "omega.completed" if said.letter == "h" else "omega.first_stage"
-        text = f"It says that {COMPLETION_MESSAGES[said.letter]}; this run asked for no joint."
-        context.note(kind, Severity.INFO, text, raw=said.letter)
+    for completion in context.station.completions:
+        kind = "omega.completed" if completion.letter == "h" else "omega.first_stage"
+        text = f"It says that {COMPLETION_MESSAGES[completion.letter]}; this run asked for no joint."
+        context.note(kind, Severity.INFO, text, raw=completion.letter)
     context.station.completions.clear()
 
 

@@ -218,7 +218,7 @@ def test_an_order_that_is_only_acknowledged_is_not_safe(make: Make) -> None:
     bench.wires["dde-1"].only_acknowledged = "WPS1"
     ended = bench.do("safe")
     assert (ended.code, ended.out.splitlines()[0].partition(" NOT SAFE")[0]) == (5, f"dde-1 port 1 ({T245}):")
-    assert "error: dde-1 port 1: it was told to rest and does not confirm it; it may be hot: switch the station off" in ended.err
+    assert "error: dde-1 port 1: it was ordered to rest and does not confirm it; it may be hot: switch the station off" in ended.err
 
 
 def test_json_tells_it_tool_by_tool(make: Make) -> None:

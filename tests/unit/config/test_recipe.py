@@ -373,7 +373,7 @@ def test_what_is_equal_or_off_contradicts_nothing() -> None:
 def test_a_delay_that_is_off_is_refused_where_stand_must_cool(key: str) -> None:
     text = HEAD + f'[{key}]\ndelay_min = "off"\n'
     sentence = (
-        f'job.toml:6: {key}.delay_min: is "off", so a tool told to stand never cools; give minutes, or run.allow_no_cooldown = true'
+        f'job.toml:6: {key}.delay_min: is "off", so a tool in stand never cools; give minutes, or run.allow_no_cooldown = true'
     )
     assert only_problem(text) == sentence
     assert only_problem(HEAD + f'[port.2.{key}]\ndelay_min = "off"\n').startswith(f"job.toml:6: port.2.{key}.delay_min: ")
@@ -384,7 +384,7 @@ def test_a_delay_that_is_off_is_refused_where_stand_must_cool(key: str) -> None:
 
 def test_a_delay_that_is_off_is_refused_where_stand_follows_on_the_safe_state() -> None:
     told = only_problem(HEAD + '[sleep]\ndelay_min = "off"\n[run]\nsafe_state = "extractor"\n')
-    assert told.startswith('job.toml:6: sleep.delay_min: is "off", so a tool told to stand never cools')
+    assert told.startswith('job.toml:6: sleep.delay_min: is "off", so a tool in stand never cools')
 
 
 @pytest.mark.parametrize("key", ["safe_state", "status"])
