@@ -1,4 +1,4 @@
-"""Reads a serial capture as requests with their answers, and tells which answers the session accepted."""
+"""Reads a serial capture as requests with their answers, and the answers that its session accepted."""
 
 from __future__ import annotations
 
