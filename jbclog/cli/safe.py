@@ -132,8 +132,8 @@ def _state(tool: MadeSafe) -> str:
 
 
 def _told(tool: MadeSafe) -> str:
-    told = ORDERED.get(tool.told or "", f"told {tool.told}")
-    return told if tool.state == tool.told else f"{told} ({tool.state} was read back)"
+    told = ORDERED.get(tool.ordered or "", f"told {tool.ordered}")
+    return told if tool.state == tool.ordered else f"{told} ({tool.state} was read back)"
 
 
 def _celsius(tool: MadeSafe) -> str:
@@ -182,7 +182,7 @@ def _tool_facts(tool: MadeSafe) -> dict[str, object]:
         "rested": tool.rested,
         "temperature_c": tool.temperature_c,
         "problem": tool.problem,
-        "told": tool.told,
+        "told": tool.ordered,
         "fell_back": tool.fell_back or None,
         "next": cooling.follows[0] if cooling is not None and cooling.follows else None,
         "next_in_s": cooling.in_s if cooling is not None else None,

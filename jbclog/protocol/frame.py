@@ -9,8 +9,8 @@
       1      2        2       1   3 (TT: 2)  0, 5 or more  1     1
 
 Addresses are optional, by the line's configuration. H is R (read), W (write), A (answer) or N (refusal). BCC is the XOR of every
-byte from STX to ETX, one raw byte: it can be STX, ETX, XON, XOFF or NUL. Only the request tells where the command ends and its
-data begins, so `text` has both.
+byte from STX to ETX, one raw byte: it can be STX, ETX, XON, XOFF or NUL. Only the request shows where the command ends and
+its data begins, so `text` has both.
 """
 
 from __future__ import annotations

@@ -311,9 +311,7 @@ class AirStation:
             self._let_go = self.now + LIFT_S
 
 
-# The face of hot air: what the station tells when it is asked, what a write does to it, and which writes it refuses.
-#
-# It takes the words of status that manual 001 prints, with and without suction, and refuses on and cooling at once.
+# Accepted are the status words that manual 001 prints, with and without suction; on and cooling together is refused.
 
 PORT = 1
 

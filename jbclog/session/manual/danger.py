@@ -25,7 +25,7 @@ WHAT: Final[Mapping[str, str]] = MappingProxyType(
         "factory_reset": "sets all of the station's parameters to the factory's, those of every tool and the limits included",
         "store": "writes the selected temperatures into the station's EEPROM, which wears with every write",
         "address": "gives the station another address on its line; 0 switches addresses off, and no manual prints the way back",
-        "ignore_fuse_error": "lets the station go on working although its fuse is reported to be missing",
+        "ignore_fuse_error": "lets the station continue to work although its fuse is reported to be missing",
         "start_feeding": "starts the solder feeder: wire moves until the length is fed, or until it is stopped",
         "store_condition": "writes over one of the controller's solder conditions, for whoever runs it next",
         "run_condition": "runs a solder condition now: the machine moves and feeds solder",
@@ -74,7 +74,7 @@ def _expect_cold(contact: Contact, port: int) -> Steps[None]:
             f"{contact.name}: port {port} counts as hot, its temperature cannot be read ({sentence(error)})"
         ) from error
     if celsius is None or celsius > COOL_C:
-        found = "tells no temperature that can be, and counts as hot" if celsius is None else f"is at {celsius:g} °C"
+        found = "reports no plausible temperature and counts as hot" if celsius is None else f"is at {celsius:g} °C"
         rest = contact.family.safe_states[0] if contact.family.safe_states else "rest"
         raise StartRefused(
             f"{contact.name}: port {port} {found}; this is sent only when all tools are at {COOL_C} °C or below. "

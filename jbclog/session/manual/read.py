@@ -245,7 +245,7 @@ def read_tip(target: Target, port: int) -> Steps[TipReadings]:
         raise StartRefused(f"{contact.name}: there is no port {port}; it has {', '.join(map(str, ports)) or 'none'}")
     temperature = contact.family.command_of("temperature_c")
     if temperature is None:
-        raise StartRefused(f"{contact.name}: a {contact.family.name} tells no temperature; read it off its display: --station-c")
+        raise StartRefused(f"{contact.name}: a {contact.family.name} reports no temperature; read it off its display: --station-c")
     tool = (yield from find_tool(contact, port)) if contact.family.tools else None
     if contact.family.tools and not tool:
         raise StartRefused(f"{contact.name}: there is no tool in port {port}")

@@ -137,7 +137,7 @@ SWITCH_OFF: Final = "switch the station off"
 class MadeSafe:
     """One tool: its name (None where not known), the state read back, and why it is not safe, if so.
 
-    `rested`: it was in that state already. `told`: the last ordered state, `fell_back` why it is not the default.
+    `rested`: it was in that state already. `ordered`: the last ordered state, `fell_back` why it is not the default.
     `temperature_c` as now, None where not known, `last_c` as last read. `cooling`: what it does next by itself. `is_cold`: after
     waiting, whether it was seen below the limit; None without waiting.
     """
@@ -146,7 +146,7 @@ class MadeSafe:
     tool: str | None
     state: str | None = None
     rested: bool = False
-    told: str | None = None
+    ordered: str | None = None
     fell_back: str = ""
     suction: bool = False
     temperature_c: float | None = None
@@ -234,7 +234,7 @@ def _order_over_flood(target: Target, family: Family, made: StationMadeSafe, flo
     if family.has_feeder:
         made.feeder = "running" if task.feeds else "stopped"
     for tool in tools:
-        one = MadeSafe(tool.port, None, told=None if tool.ordered is None else family.status.state(tool.ordered))
+        one = MadeSafe(tool.port, None, ordered=None if tool.ordered is None else family.status.state(tool.ordered))
         if tool.is_safe and tool.status is not None:
             one.state = family.status.state(tool.status)
         else:
@@ -285,7 +285,7 @@ def _find_tools(contact: Contact, made: StationMadeSafe) -> Steps[dict[int, int 
 def _report(contact: Contact, task: SafetyTask, tool: ToolSafety, made: MadeSafe, code: int | None) -> Steps[None]:
     status = contact.family.status
     made.rested, made.fell_back = tool.was_spared, tool.fell_back
-    made.told = None if tool.ordered is None else status.state(tool.ordered)
+    made.ordered = None if tool.ordered is None else status.state(tool.ordered)
     if task.flood is None:
         made.temperature_c = made.last_c = yield from temperature_of(contact, tool.port)
     if not tool.is_safe or tool.status is None:
