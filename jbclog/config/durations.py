@@ -1,4 +1,4 @@
-"""Lengths of time as people write them: ``90s``, ``15m``, ``8h``, ``1h30m``."""
+"""Durations as people write them: ``90s``, ``15m``, ``8h``, ``1h30m``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _PARTS: Final = re.compile(r"(?:(\d+(?:\.\d+)?)h)?(?:(\d+(?:\.\d+)?)m)?(?:(\d+(?
 
 
 def span_s(text: str) -> float | None:
-    """Seconds in ``90s``, ``15m``, ``8h``, ``1h30m`` or a bare number; None where it is no such time, or longer than a year."""
+    """Return the seconds in ``90s``, ``15m``, ``8h``, ``1h30m`` or a bare number; None if it is no duration or over a year."""
     found = _PARTS.fullmatch(text.strip())
     parts = [float(part or 0) for part in found.groups()] if found else []
     seconds = sum(part * unit for part, unit in zip(parts, (3600, 60, 1), strict=False))

@@ -1,4 +1,4 @@
-"""A jobs file: which jobs a batch has, on which stations, when, and what one that fails means for the others."""
+"""A jobs file: the jobs of a batch, their stations, their times, and what a failed one means for the others."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Head(Table):
 
 
 class JobTable(Table):
-    """One table `[[job]]`, as it stands in the file."""
+    """A table `[[job]]` of the file."""
 
     name: Name = Field(description=NAME_ALLOWED)
     recipe: Path | None = Field(None, strict=False, description="a recipe file's path, from this file's folder")
@@ -103,7 +103,7 @@ class BatchTables(Table):
 
 @dataclass(frozen=True, slots=True)
 class JobsFile:
-    """What a jobs file asks for. Paths are absolute."""
+    """A checked jobs file. Paths are absolute."""
 
     source: TomlText
     line: Path
@@ -124,22 +124,22 @@ class JobsFile:
         return None if job.units_from is None else str(self.path.absolute().parent / job.units_from)
 
     def asked(self, job: JobTable) -> str:
-        """All that is asked of a job, as one line of JSON: what is kept, and compared when the batch is gone on with."""
-        said = job.model_dump(mode="json", exclude_defaults=True) | {"on_failure": self.policy(job).value}
-        return json.dumps({"line": str(self.line)} | said, ensure_ascii=False, sort_keys=True)
+        """Return what a job asks for as one line of JSON: it is stored, and compared when the batch is resumed."""
+        given = job.model_dump(mode="json", exclude_defaults=True) | {"on_failure": self.policy(job).value}
+        return json.dumps({"line": str(self.line)} | given, ensure_ascii=False, sort_keys=True)
 
     def problem(self, place: int, key: KeyPath, text: str) -> Problem:
-        """What is wrong with the job at `place`."""
+        """Return a problem of the job at `place`."""
         return self.source.problem(("job", place, *key), text)
 
 
 def load_jobs(path: Path, line: Path | None = None) -> JobsFile:
-    """The jobs file at `path`, on another `line` where one is given. Raises `Problems` with everything that is wrong with it."""
+    """Read a jobs file, for another `line` if one is given. Raises Problems with all its mistakes."""
     return parse_jobs(read_text(path), path, line)
 
 
 def parse_jobs(text: str, path: Path, line: Path | None = None) -> JobsFile:
-    """The jobs file of that text; relative paths are taken from the folder of `path`."""
+    """Parse a jobs file; relative paths start at the folder of `path`."""
     source = parse(text, str(path))
     if not {"batch", "job"} & source.tables.keys():
         raise Problems([Problem(source.file, None, "", IS_NO_BATCH)])
@@ -170,7 +170,7 @@ def _read_job(source: TomlText, place: int, table: dict[str, object], problems: 
 
 
 def _of_one(source: TomlText, at: KeyPath, table: dict[str, object]) -> Iterator[Problem]:
-    """Keys that do not go together."""
+    """Yield conflicts between the keys of a job."""
     goals = [key for key in GOALS if key in table]
     if not goals and "duration" not in table:
         yield source.problem((*at, "duration"), f"missing; {END_ALLOWED}")
@@ -183,7 +183,7 @@ def _of_one(source: TomlText, at: KeyPath, table: dict[str, object]) -> Iterator
 
 
 def _between(source: TomlText) -> Iterator[Problem]:
-    """Names that two jobs share, and jobs that wait for what there is not, or for each other."""
+    """Yield names given twice, and jobs that wait for unknown jobs or for each other."""
     tables = list(_job_tables(source))
     places: dict[str, int] = {}
     for place, table in tables:

@@ -1,7 +1,6 @@
-"""From tables of TOML to typed values, and what is wrong with them in sentences.
+"""Checks tables of TOML against typed models, and words what is wrong.
 
-A field's `description` says what is allowed there, in the words of the person who writes the file; it is the
-second half of every sentence about that key.
+A field's `description` states what is allowed; it ends every message about that key.
 """
 
 from __future__ import annotations
@@ -21,14 +20,12 @@ from jbclog.core.quantities import OFF, Off
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.omega import CONDITIONS, is_condition
 
-# -- schema -------------------------------------------------------------------------------------------------------------------
-
 _TABLE_ERRORS = ("model_type", "model_attributes_type", "dict_type", "mapping_type")
-_OWN_WORDS = ("said", "value_error")
+_WORDED = ("worded", "value_error")
 
 
 class Table(BaseModel):
-    """One table of a file: no unknown keys, no conversion between types, unchangeable afterwards."""
+    """A table of a file: no unknown keys, no conversion between types, immutable."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
@@ -37,8 +34,8 @@ Row = TypeVar("Row", bound=Table)
 
 
 def said(text: str) -> PydanticCustomError:
-    """An error of a field whose sentence is taken as it is."""
-    return PydanticCustomError("said", "{text}", {"text": text})
+    """Return an error of a field with this whole message."""
+    return PydanticCustomError("worded", "{text}", {"text": text})
 
 
 def _as_tuple(value: object) -> object:
@@ -54,7 +51,7 @@ NAME_ALLOWED = "1 to 64 of the characters A-Z a-z 0-9 . _ -, the first of them a
 
 
 def read_table(row: type[Row], source: TomlText, at: KeyPath, table: object) -> tuple[Row | None, list[Problem], list[KeyPath]]:
-    """The typed table that stands at `at`, or None, what is wrong with it, and the key paths below `at` of that."""
+    """Return the typed table at `at` or None, its problems, and their key paths below `at`."""
     try:
         return row.model_validate(table), [], []
     except ValidationError as error:
@@ -74,7 +71,7 @@ def _sentence(row: type[Table], key: KeyPath, detail: ErrorDetails) -> str:
     kind = detail["type"]
     if kind == "extra_forbidden":
         return unknown(str(key[-1]), _names_beside(row, key))
-    if kind in _OWN_WORDS:
+    if kind in _WORDED:
         return detail["msg"].removeprefix("Value error, ")
     if kind in _TABLE_ERRORS:
         return f"{shown(detail['input'])} stands where a table belongs"
@@ -85,13 +82,13 @@ def _sentence(row: type[Table], key: KeyPath, detail: ErrorDetails) -> str:
 
 
 def unknown(name: str, names: list[str]) -> str:
-    """The sentence for a name that is none of `names`, with the nearest one where there is one."""
+    """Return the message for a name that is not in `names`, with a similar one if there is any."""
     near = difflib.get_close_matches(name[:64], names, n=1)
     return f"unknown; did you mean {near[0]}?" if near else f"unknown; allowed here: {', '.join(names) or 'nothing'}"
 
 
 def shown(value: object) -> str:
-    """A value as it stands in the file, shortened, with nothing in it that a terminal would act upon."""
+    """Return a value as the file has it, shortened and without control characters."""
     if isinstance(value, bool):
         return "true" if value else "false"
     text = '"' + repr(value)[1:-1] + '"' if isinstance(value, str) else repr(value)
@@ -104,7 +101,7 @@ def _names_beside(row: type[Table], key: KeyPath) -> list[str]:
 
 
 def _allowed(row: type[Table], key: KeyPath) -> str | None:
-    """The description of the field that `key` leads to, or of the list or mapping that it is a member of."""
+    """Return the description of the field at `key`, or of the list or mapping that contains it."""
     while key and isinstance(key[-1], int):
         key = key[:-1]
     field, around = _field(row, key), _field(row, key[:-1])
@@ -119,7 +116,7 @@ def _field(row: type[Table], key: KeyPath) -> FieldInfo | None:
 
 
 def _table_at(row: type[BaseModel], key: KeyPath) -> type[BaseModel] | None:
-    """The model of the table that `key` leads to; numbers and the keys of mappings do not change it."""
+    """Return the model of the table at `key`; indexes and keys of mappings do not change it."""
     table: type[BaseModel] | None = row
     in_mapping = False
     for part in key:
@@ -144,10 +141,7 @@ def _is_mapping(annotation: object) -> bool:
     return isinstance(origin, type) and issubclass(origin, Mapping)
 
 
-# -- fields -------------------------------------------------------------------------------------------------------------------
-# Kinds of values in a recipe: what TOML holds, and the typed value that the station's tables know.
-#
-# Each is a check of type only; ranges are the command tables' and stand in `load_recipe.py`.
+# Kinds of values in a recipe. They check types only; `load_recipe.py` checks ranges by the command tables.
 
 FIVE_DIGITS: Final = "as far as five digits go; no manual prints a range"
 TENTHS: Final = "0 to 409.5 in steps of 0.1"
@@ -224,7 +218,7 @@ def _no_repeats(values: tuple[str, ...]) -> tuple[str, ...]:
     seen: set[str] = set()
     for value in values:
         if value in seen:
-            raise said(f"{shown(value)} stands there twice")
+            raise said(f"{shown(value)} is listed twice")
         seen.add(value)
     return values
 

@@ -1,4 +1,4 @@
-"""Names of maintenance tasks that need no tasks file: they say what happened to a station's counters."""
+"""Names of maintenance tasks that need no tasks file: events of a station that affect its counters."""
 
 from __future__ import annotations
 

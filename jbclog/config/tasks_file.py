@@ -1,4 +1,4 @@
-"""The tasks file: what has to be done after how much use, on which stations (TOML).
+"""The tasks file (TOML): maintenance tasks, the use after which each is due, and their stations.
 
 ::
 
@@ -12,7 +12,7 @@
     stations = ["dde-1"]          # optional
     of = "port"                   # or "station": all its ports together
 
-Everything that is wrong is said at once, with file, line, key and what is allowed, as of recipes.
+All mistakes are reported at once, with file, line, key and what is allowed.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class TasksFile(Table):
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What has to be done after `life` of `counter` (its own unit; of ``days`` days). `never` says that nobody told of it yet."""
+    """A task due after `life` of `counter` (in its unit; days for ``days``). `never`: the text if it was never recorded as done."""
 
     name: str
     title: str
@@ -90,20 +90,20 @@ class Task:
     families: tuple[str, ...] | None = None
     stations: tuple[str, ...] | None = None
     of_station: bool = False
-    never: str = "nobody told when it was done last"
+    never: str = "last service date unknown"
 
     def is_of(self, station: str, family: str | None) -> bool:
-        """Whether this station has it."""
+        """Whether it applies to this station."""
         return (self.stations is None or station in self.stations) and (self.families is None or family in self.families)
 
 
 def load_tasks(path: Path) -> tuple[Task, ...]:
-    """The tasks of the file at `path`. Raises `Problems` with everything that is wrong with it."""
+    """Read a tasks file. Raises Problems with all its mistakes."""
     return parse_tasks(read_text(path), path)
 
 
 def parse_tasks(text: str, path: Path = Path("tasks.toml")) -> tuple[Task, ...]:
-    """The tasks of that text; `path` stands in its sentences."""
+    """Parse a tasks file; `path` appears in messages."""
     source = parse(text, str(path))
     problems = hidden(source)
     file, wrong, _ = read_table(TasksFile, source, (), source.tables)
@@ -128,11 +128,8 @@ def _task(table: TaskTable) -> Task:
     )
 
 
-# -- what belongs together ------------------------------------------------------------------------------------------------------
-
-
 def _between(source: TomlText, tables: object) -> Iterator[Problem]:
-    """What is wrong between the keys of a task, and between tasks."""
+    """Yield conflicts between the keys of a task, and between tasks."""
     names: dict[object, int] = {}
     if tables == []:
         yield source.problem(("task",), "there is none; at least one [[task]]")
@@ -146,8 +143,8 @@ def _of_one(source: TomlText, at: KeyPath, table: dict[str, object]) -> Iterator
     lives = [name for name in LIVES if name in table]
     counter = table.get("counter")
     if len(lives) != 1:
-        said = f"{' and '.join(lives)} stand there" if lives else "no life is given"
-        yield source.problem(at, f"{said}; exactly one of {', '.join(LIVES)}")
+        given = f"{' and '.join(lives)} are given" if lives else "no service interval is given"
+        yield source.problem(at, f"{given}; exactly one of {', '.join(LIVES)}")
     elif lives == ["life_days"] and counter is not None:
         yield source.problem((*at, "counter"), "life_days are days of the calendar and take no counter")
     elif lives != ["life_days"] and counter is None:
@@ -162,7 +159,7 @@ def _named(source: TomlText, at: KeyPath, name: object, names: dict[object, int]
     if not isinstance(name, str):
         return
     if name in STATED:
-        yield source.problem(at, f"{name} tells the odometer what happened; a task needs a name of its own")
+        yield source.problem(at, f"{name} is reserved for an event of a station; give the task another name")
     if name in names:
-        yield source.problem(at, f"{name} stands there twice, first in line {names[name]}")
+        yield source.problem(at, f"{name} is given twice, first in line {names[name]}")
     names.setdefault(name, source.lines.get(at, 0))

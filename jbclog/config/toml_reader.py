@@ -1,4 +1,4 @@
-"""TOML within limits, with the line of each key. Start with `read_text` and `parse`."""
+"""Reads TOML within limits, with the line of each key. Start with `read_text` and `parse`."""
 
 from __future__ import annotations
 
@@ -14,16 +14,13 @@ from typing import NamedTuple
 from jbclog.core.errors import Problem, Problems
 from jbclog.core.foreign.files import LIMITS, Kind, read_foreign
 
-# -- toml keys ----------------------------------------------------------------------------------------------------------------
-# Where each key of a TOML text stands, found before it is parsed, within limits.
-#
-# tomllib tells no line numbers, and takes 5.8 s for 40 kB of dotted keys (docs/reference/faults.md, F-33). This scan looks at
-# each character once. It gives the line of every key, every key that is given twice, and stops at the first thing
-# that is larger than any line file or recipe. It does not judge syntax: where it loses the thread it says so, and
-# tomllib is then asked about the text up to there only.
+# tomllib reports no positions of keys, and takes 5.8 s for 40 kB of dotted keys (docs/reference/faults.md, F-33). `KeyScan` runs
+# first, over each character once: it finds the line of every key and all keys given twice, and stops at anything larger than our
+# files have. It does not judge syntax: where it cannot continue, tomllib reports on the text up to that line. Other parsers were
+# compared in docs/decisions/0058.
 
 KeyPath = tuple[str | int, ...]
-"""A key's place: names, and numbers (from 0) for tables in a list: ``("station", 1, "url")``."""
+"""The path of a key: names, and indexes (from 0) of tables in a list: ``("station", 1, "url")``."""
 
 MAX_PARTS = 8
 MAX_NESTING = 8
@@ -43,7 +40,7 @@ _TOKEN = re.compile(
     """,
     re.VERBOSE | re.DOTALL,
 )
-_IN_SCALARS = "+:"  # signs of dates and numbers besides those of a word
+_IN_SCALARS = "+:"  # in dates and numbers, beside those of a word
 
 
 class Token(NamedTuple):
@@ -53,7 +50,7 @@ class Token(NamedTuple):
 
 
 class TooLarge(Exception):
-    """The text goes beyond a limit at `line`."""
+    """The text exceeds a limit at `line`."""
 
     def __init__(self, line: int, text: str) -> None:
         super().__init__(text)
@@ -61,7 +58,7 @@ class TooLarge(Exception):
 
 
 class Lost(Exception):
-    """At `line` the text is not what TOML allows there."""
+    """TOML does not allow the text at `line`."""
 
     def __init__(self, line: int) -> None:
         super().__init__(f"line {line}")
@@ -77,7 +74,7 @@ class Twice(NamedTuple):
 
 
 def _tokens(text: str) -> Iterator[Token]:
-    """The text's tokens without blanks and comments, and an ``end`` behind them."""
+    """Yield the tokens without blanks and comments, then an ``end``."""
     line = 1
     for match in _TOKEN.finditer(text):
         kind, found = str(match.lastgroup), match.group()
@@ -89,7 +86,7 @@ def _tokens(text: str) -> Iterator[Token]:
 
 
 class KeyScan:
-    """One pass over a text; afterwards `lines` maps each key path to its line and `twice` names repeated keys."""
+    """One pass over a text: `lines` maps each key path to its line, `twice` lists repeated keys."""
 
     def __init__(self, text: str) -> None:
         self.lines: dict[KeyPath, int] = {}
@@ -97,12 +94,12 @@ class KeyScan:
         self._tokens = _tokens(text)
         self._ahead = next(self._tokens)
         self._table: KeyPath = ()
-        self._lists: dict[KeyPath, int] = {}  # tables in a list: how many there are so far
+        self._lists: dict[KeyPath, int] = {}  # number of tables so far
         self._declared: set[KeyPath] = set()
         self._entries = 0
 
     def run(self) -> None:
-        """Scan to the end; raises `TooLarge` or `Lost`."""
+        """Scan the whole text. Raises TooLarge or Lost."""
         while self._ahead.kind != "end":
             if self._ahead.kind == "newline":
                 self._take()
@@ -172,7 +169,7 @@ class KeyScan:
         self.lines.setdefault(self._table, line)
 
     def _resolved(self, parts: tuple[str, ...], line: int, start: KeyPath = ()) -> KeyPath:
-        """The path of a header's parts: behind the name of a list its last table is meant."""
+        """Return the path of a header's parts; the name of a list means its last table."""
         path = start
         for part in parts:
             path = (*path, part)
@@ -254,19 +251,17 @@ class KeyScan:
         self._take("}")
 
 
-# -- toml reader --------------------------------------------------------------------------------------------------------------
-
 MAX_BYTES = LIMITS[Kind.SETTINGS]
-MAX_PROBLEMS = 100  # of one file; the rest is counted
-_HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")  # control, bidirectional and other characters that do not show
-_HIDDEN_IN_TEXT = re.compile("[\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")  # may show a line as what it is not
+MAX_PROBLEMS = 100  # of a file; more are only counted
+_HIDDEN = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")  # control, bidirectional and other invisible characters
+_HIDDEN_IN_TEXT = re.compile("[\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff]")  # can disguise a line
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _AT_LINE = re.compile(r" \(at (?:line (\d+), column \d+|end of document)\)$")
 
 
 @dataclass(frozen=True, slots=True)
 class TomlText:
-    """A file as it was read: its text (``text.encode()`` are the file's very bytes), its tables, its keys' lines."""
+    """A file as read: its text (``text.encode()`` gives the file's bytes), its tables, and the lines of its keys."""
 
     file: str
     text: str
@@ -274,25 +269,25 @@ class TomlText:
     lines: Mapping[KeyPath, int]
 
     def known(self, key: KeyPath) -> KeyPath:
-        """The longest beginning of `key` that stands in the text."""
+        """Return the longest prefix of `key` that the text contains."""
         while key and key not in self.lines:
             key = key[:-1]
         return key
 
     def problem(self, key: KeyPath, text: str) -> Problem:
-        """What is wrong with `key`, at its line or, where it is missing, at that of the table it belongs into."""
+        """Return a problem of `key`, at its line or, if it is missing, at its table's."""
         return Problem(self.file, self.lines.get(self.known(key)), dotted(key), text)
 
 
 def shortened(problems: list[Problem]) -> list[Problem]:
-    """The problems in the file's order, each once; beyond `MAX_PROBLEMS` only their number."""
+    """Return the problems in the file's order, each once; beyond `MAX_PROBLEMS` only their number."""
     ordered = sorted(dict.fromkeys(problems), key=lambda problem: problem.line or 0)
     rest = len(ordered) - MAX_PROBLEMS
     return ordered if rest <= 0 else [*ordered[:MAX_PROBLEMS], Problem(ordered[0].file, None, "", f"and {rest} more problems")]
 
 
 def dotted(key: KeyPath) -> str:
-    """``port.2.sleep.delay_min``; tables in a list are counted from one: ``station[2].url``."""
+    """Return ``port.2.sleep.delay_min``; indexes count from one: ``station[2].url``."""
     text = ""
     for part in key:
         if isinstance(part, int):
@@ -303,7 +298,7 @@ def dotted(key: KeyPath) -> str:
 
 
 def read_text(path: Path, *, links: bool = True) -> str:
-    """The file's text. Raises `Problems` where it is no ordinary file, too large or not UTF-8; `links` as in `open_foreign`."""
+    """Read a file. Raises Problems if it is no ordinary file, too large or not UTF-8; `links` as in `open_foreign`."""
     try:
         data = read_foreign(path, Kind.SETTINGS, links=links)
     except OSError as error:
@@ -318,7 +313,7 @@ def read_text(path: Path, *, links: bool = True) -> str:
 
 
 def parse(text: str, file: str) -> TomlText:
-    """Tables and lines of `text`. Raises `Problems` where it does not parse or goes beyond a limit."""
+    """Parse `text`. Raises Problems if it is not TOML or exceeds a limit."""
     if len(text) > MAX_BYTES:
         raise Problems([Problem(file, None, "", f"is larger than {MAX_BYTES // 1024} KiB")])
     plain = text.removeprefix("\ufeff")
@@ -345,7 +340,7 @@ def _tables(text: str, file: str) -> dict[str, object]:
 
 
 def _syntax(text: str, file: str, line: int) -> Problem:
-    """tomllib's opinion of the text up to `line`, where the scan lost the thread."""
+    """Return tomllib's error for the text up to `line`, where the scan stopped."""
     beginning = "\n".join(text.split("\n")[:line])
     try:
         _tables(beginning, file)
@@ -361,12 +356,12 @@ def _sentence(message: str, text: str, file: str) -> Problem:
 
 
 def hidden(source: TomlText) -> list[Problem]:
-    """Characters that do not show, in values, names or comments."""
+    """Return invisible characters in values, names or comments as problems."""
     found = list(_hidden_in(source, (), source.tables))
-    told = {problem.line for problem in found}
+    reported = {problem.line for problem in found}
     for line, text in enumerate(source.text.removeprefix("\ufeff").split("\n"), 1):
         sign = _HIDDEN_IN_TEXT.search(text)
-        if sign is not None and line not in told:
+        if sign is not None and line not in reported:
             found.append(Problem(source.file, line, "", _holds(sign.group())))
     return found
 

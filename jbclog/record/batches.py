@@ -1,8 +1,7 @@
-"""Rows become batches: Arrow record batches as bytes, each with its number and a check sum over both.
+"""Rows as batches: Arrow record batches as bytes, each with a number and a checksum over both.
 
-A batch is what one commit stores of one table: four bytes that give its length unpacked, then an Arrow IPC stream,
-packed with zstd as a whole (packing each of its hundred buffers by itself costs five times as much to read). It can be
-read without anything else of the store.
+A batch is what one commit stores of one table: four bytes with its uncompressed length, then an Arrow IPC stream compressed by zstd
+as a whole (each of its hundred buffers alone would take five times as long to read). It is readable without the rest of the store.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ import pyarrow as pa
 from jbclog.record.schema import INT, SCHEMAS
 
 BARE: Final = {table: pa.schema([pa.field(f.name, f.type, f.nullable) for f in schema]) for table, schema in SCHEMAS.items()}
-MOST_ROWS: Final = 1 << 20  # a second of 256 ports at 10 Hz has 2560; rows wait where the disk stands still
+MOST_ROWS: Final = 1 << 20  # 256 ports at 10 Hz have 2560 a second; rows wait while the disk hangs
 MOST_BYTES: Final = 128 << 20
 SCHEMA_HEAD, ROWS_HEAD = 1, 3  # kinds of a message
 _U16, _U32 = struct.Struct("<H"), struct.Struct("<I")
@@ -31,7 +30,7 @@ MANY_ROWS: Final = 500
 
 
 class _Column(NamedTuple):
-    """What a conversion needs of a field, looked up once."""
+    """What a conversion needs to know of a field."""
 
     name: str
     list_type: pa.ListType
@@ -46,16 +45,16 @@ _WHOLE: Final = (INT, pa.null())
 
 
 class Damaged(Exception):
-    """A stored batch that is not what was stored."""
+    """A stored batch has changed."""
 
 
 class NotRows(Exception):
-    """Rows that do not fit their table's schema: a mistake of whoever made them."""
+    """Rows do not fit their table's schema: an error of the program."""
 
 
 @dataclass(frozen=True, slots=True)
 class Batch:
-    """Some rows of one table as they are stored. `number` counts the batches of a run, all tables together, from 1."""
+    """Rows of one table as stored. `number` counts the batches of a run over all tables, from 1."""
 
     number: int
     table: str
@@ -68,12 +67,12 @@ class Batch:
 
 
 def breathe() -> None:
-    """Let other threads run: conversions hold the interpreter's lock, and a due tick must not wait for all of them."""
+    """Let other threads run: conversions hold the interpreter's lock, and a due tick must not wait."""
     time.sleep(0.0001)
 
 
 def encode(number: int, table: str, values: Sequence[object], breath: Callable[[], None] = breathe) -> Batch:
-    """The batch of `values`: rows laid end to end, in the columns' order. Raises `NotRows`."""
+    """Encode `values`, rows end to end in the columns' order. Raises NotRows."""
     columns = _COLUMNS[table]
     width = len(columns)
     rows = len(values) // width
@@ -87,10 +86,10 @@ def encode(number: int, table: str, values: Sequence[object], breath: Callable[[
 
 def _array(values: Sequence[object], column: _Column) -> pa.Array:
     try:
-        if column.whole and pa.infer_type(values) not in _WHOLE:  # a fraction would be cut off without a word
+        if column.whole and pa.infer_type(values) not in _WHOLE:  # a fraction would be cut off silently
             raise NotRows(f"{column.name}: not whole numbers")
         array = pa.scalar(values, column.list_type).values
-    except MemoryError:  # one of Arrow's errors is one: no fault of the rows
+    except MemoryError:  # also one of Arrow's errors; not caused by the rows
         raise
     except (pa.ArrowException, ValueError, TypeError, OverflowError) as error:
         raise NotRows(f"{column.name}: {error}") from error
@@ -108,7 +107,7 @@ def _bytes(batch: pa.RecordBatch) -> bytes:
 
 
 def decode(batch: Batch, crc: int) -> pa.Table:
-    """The rows of a stored batch, in its table's schema. Raises `Damaged`."""
+    """Decode a stored batch into its table's schema. Raises Damaged."""
     if crc != batch.crc:
         raise Damaged("its check sum does not match")
     schema = SCHEMAS.get(batch.table)
@@ -131,10 +130,10 @@ def decode(batch: Batch, crc: int) -> pa.Table:
 
 
 def _expect_plain(stream: pa.Buffer) -> None:
-    """Raise `Damaged` where a message of the stream is packed once more, or is no schema and no rows: it could unpack to anything.
+    """Raise Damaged if a message is compressed again, or neither schema nor rows: it could expand without limit.
 
-    What is looked at is the message's head, a table of FlatBuffers (Arrow's Message.fbs): its second field is the kind of what
-    it holds, its third that itself, and rows that are packed have a fourth field.
+    A message's head is a FlatBuffers table (Arrow's Message.fbs): its second field is the kind of the content, its third the
+    content, and compressed rows have a fourth field.
     """
     for message in pa.ipc.MessageReader.open_stream(stream):
         head = message.metadata.to_pybytes()
@@ -147,7 +146,7 @@ def _expect_plain(stream: pa.Buffer) -> None:
 
 
 def _field(head: bytes, table: int, number: int) -> int | None:
-    """Where a field of a table of FlatBuffers lies; None where it has none."""
+    """Return the offset of a field in a FlatBuffers table, None if it is absent."""
     kinds = table - struct.unpack_from("<i", head, table)[0]
     length = _U16.unpack_from(head, kinds)[0]
     place = kinds + 4 + 2 * number
@@ -156,10 +155,9 @@ def _field(head: bytes, table: int, number: int) -> int | None:
 
 
 def keep_pandas_out() -> None:
-    """Settle pyarrow's question whether there is pandas with no.
+    """Keep pyarrow from importing pandas at its first conversion: half a second and 50 MB that a recorder does not need.
 
-    Its first conversion of Python values imports pandas, half a second and 50 MB that a recorder does not need.
-    What needs pandas later in the same process still finds it.
+    Later imports of pandas in the same process work.
     """
     if "pandas" not in sys.modules:
         sys.meta_path.insert(0, _NoPandas)

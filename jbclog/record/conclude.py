@@ -211,7 +211,7 @@ LATER: Final = (NAME, ANNOTATIONS, guard_actions.LEASE, guard_actions.LOCK)
 """Files outside the sealed record: the manifest, annotations, and the lease and lock of tools left hot."""
 MADE: Final = (("figures/", ".svg"), ("tables/", ".csv"))  # folders of a report, and their files' suffixes
 
-TAKEN_IN: Final = ("line.toml", "recipes", capture.FOLDER, guard_actions.DIARY, DAMAGE_NOTES, REMAINS)
+TAKEN_IN: Final = ("line.toml", "recipes", capture.FOLDER, guard_actions.ACTION_LOG, DAMAGE_NOTES, REMAINS)
 
 
 def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:

@@ -1,8 +1,6 @@
-"""What a guard did when the recorder was gone: its diary becomes events, and what it reached stands in the facts.
+"""Turns a guard's action log (`guard.jsonl`) into events, and its results into the stations' facts.
 
-The guard writes where it cannot be waited for and without anything of the record's machinery: a JSON line each, in
-`guard.jsonl`, which is blank until then. `recover` takes them in, behind the last event that the recorder wrote; doing
-that twice changes nothing.
+`recover` appends the events behind the recorder's last one; a second time changes nothing.
 """
 
 from __future__ import annotations
@@ -26,26 +24,23 @@ from jbclog.record.batches import decode, encode
 from jbclog.record.chains import Chain
 from jbclog.record.parts import row_groups, through, write_part
 
-DIARY: Final = "guard.jsonl"
+ACTION_LOG: Final = "guard.jsonl"
 LOCK: Final = "guard.lock"
 LEASE: Final = "lease.json"
 LOST: Final = "guard.lost"
-BLANK: Final = b"\n"  # the room that a diary has before it is needed
-AGAIN_S: Final = 0.05
+BLANK: Final = b"\n"  # reserved space
+RETRY_S: Final = 0.05
 REACHED: Final = {"safety.safe_state": "verified", "safety.not_safe": "failed"}
 
 
 @contextmanager
 def without_guard(folder: Path, patience_s: float) -> Iterator[None]:
-    """Wait until no guard is at work in `folder`, and keep guards out: what they do belongs into the record.
-
-    Raises `RecordError`.
-    """
+    """Wait until no guard works on a run, and lock guards out: the record needs all their actions. Raises RecordError."""
     end = time.monotonic() + patience_s
     while (descriptor := try_lock(folder / LOCK)) is None:
         if time.monotonic() >= end:
             raise RecordError(f"{folder}: its guard is at work; nothing was changed. Try again when it has ended")
-        time.sleep(AGAIN_S)
+        time.sleep(RETRY_S)
     try:
         yield
         (folder / LOCK).unlink(missing_ok=True)
@@ -54,20 +49,20 @@ def without_guard(folder: Path, patience_s: float) -> Iterator[None]:
 
 
 def await_guard(folder: Path, patience_s: float) -> None:
-    """Wait until no guard is at work in `folder`. Raises `RecordError`."""
+    """Wait until no guard works on a run. Raises RecordError."""
     if (folder / LOCK).exists():
         with without_guard(folder, patience_s):
             pass
 
 
 def was_lost(folder: Path) -> bool:
-    """Whether the sealed events say that the run was without its guard for a time."""
+    """Whether a run was without its guard for a time, by its sealed events."""
     return any(LOST in group["kind"].to_pylist() for group in row_groups(folder, "events", ["kind"]))
 
 
 def tidy(folder: Path) -> None:
-    """Give back the room that the diary did not need; where nothing is in it there is none. Raises `OSError`."""
-    path = folder / DIARY
+    """Release unused space of the action log; remove an empty one. Raises OSError."""
+    path = folder / ACTION_LOG
     with suppress(FileNotFoundError):
         written = read_foreign(path, Kind.ACTION_LOG).rstrip(BLANK)
         if not written:
@@ -81,9 +76,9 @@ def tidy(folder: Path) -> None:
 
 
 def action_log(folder: Path) -> list[EventRow]:
-    """The lines of the guard's diary that can be read, as events; nothing where no guard took over."""
+    """Return the readable lines of the guard's action log as events."""
     try:
-        lines = read_foreign(folder / DIARY, Kind.ACTION_LOG).rstrip(BLANK).decode(errors="replace").splitlines()
+        lines = read_foreign(folder / ACTION_LOG, Kind.ACTION_LOG).rstrip(BLANK).decode(errors="replace").splitlines()
     except FileNotFoundError:
         return []
     return [event for line in lines if (event := _event(line)) is not None]
@@ -109,13 +104,13 @@ def _event(line: str) -> EventRow | None:
         return None
 
 
-def take_in(folder: Path, run: str, told: list[EventRow]) -> None:
-    """Put these behind the events that are sealed, those that are not there yet. The live store's have to be there already."""
-    if not told:
+def take_in(folder: Path, run: str, events: list[EventRow]) -> None:
+    """Append those of the guard's events that the sealed ones lack. The live store's must be sealed before."""
+    if not events:
         return
     sealed = [row for group in row_groups(folder, "events") for row in plain_events(group).to_pylist()]
     known = {(row["time"], row["text"]) for row in sealed}
-    missing = [event for event in told if (event.time, event.text) not in known]
+    missing = [event for event in events if (event.time, event.text) not in known]
     if missing:
         chain = Chain.after(sealed[-1]) if sealed else Chain(run)
         values: list[object] = []
@@ -131,7 +126,7 @@ def _table(values: list[object]) -> pa.Table:
 
 
 def plain_events(events: pa.Table) -> pa.Table:
-    """Times as whole microseconds, as they are hashed."""
+    """Return events with times as whole microseconds, as they are hashed."""
     for name in ("time", "earliest"):
         place = events.schema.get_field_index(name)
         events = events.set_column(place, name, events[name].cast(pa.int64()))
@@ -139,7 +134,7 @@ def plain_events(events: pa.Table) -> pa.Table:
 
 
 def with_guard(folder: Path, stations: list[StationFacts]) -> list[StationFacts]:
-    """The facts with what the guard reached: it spoke last."""
+    """Return the facts updated by the guard's results, which are the latest."""
     reached: dict[str, dict[int, EventRow]] = {}
     for event in action_log(folder):
         if event.kind in REACHED and event.station is not None and event.port is not None:

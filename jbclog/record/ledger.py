@@ -1,9 +1,8 @@
-"""The ledger: for each station, port and signal, how many readings were due, how many came, and why the others did not.
+"""The accounting (`ledger` in the manifest): readings due, obtained and missing with their reasons, by station, port and signal.
 
-It is derived from the tables alone. A signal is named by the first column that its answer fills; it was due where that
-column has a value or `reasons` names it, and a null that `reasons` does not name was not due. Counters are signals by
-their own names. What left no rows comes from the facts of the stations: ticks of a stopped host (`skipped`), and
-settings that are read again during the run.
+It is derived from the tables. A signal has the name of the first column that its answer fills; a reading was due if that column has
+a value or `reasons` names it. Counters are signals of their own names. The stations' facts supply what leaves no rows: ticks of a
+stopped host (`skipped`), and settings read again during the run.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ _ROWS = ""  # counts the rows of a port, beside its signals
 
 
 def ledger_of(folder: Path, stations: Iterable[StationFacts] = ()) -> Ledger:
-    """The ledger of the sealed tables in `folder`. Raises pyarrow's errors where a part cannot be read."""
+    """Compute the accounting of sealed tables. Raises pyarrow's errors if a part cannot be read."""
     ledger: Ledger = {}
     for group in row_groups(folder, "samples", ["station", "port", "reasons", *SIGNALS]):
         _count_samples(ledger, group)
@@ -38,7 +37,7 @@ def ledger_of(folder: Path, stations: Iterable[StationFacts] = ()) -> Ledger:
 
 
 def reasons_of(text: str) -> Iterator[tuple[str, str]]:
-    """The columns and reasons in a row's `reasons`."""
+    """Yield the columns and reasons in a row's `reasons`."""
     for item in text.split(";"):
         column, _, reason = item.partition("=")
         yield column, reason
@@ -68,7 +67,7 @@ def _count_counters(ledger: Ledger, rows: pa.Table) -> None:
 
 
 def _add_facts(ledger: Ledger, facts: StationFacts) -> None:
-    """Ticks without rows were due for what is read every tick, and settings watched have no column."""
+    """Add ticks without rows to signals read at every tick, and watched settings, which have no column."""
     for port in ledger.get(facts.name, {}).values():
         rows = port.get(_ROWS, {}).get("due", 0)
         for signal in SIGNALS:
@@ -93,7 +92,7 @@ def _add(port: dict[str, SignalLedger], signal: str, word: str, count: int) -> N
 
 
 def _tidy(ledger: Ledger) -> Ledger:
-    """Without the signals that were never due; reasons in alphabetical order."""
+    """Remove signals that were never due; sort reasons by name."""
     return {
         station: {
             port: {signal: _in_order(counts) for signal, counts in signals.items() if signal != _ROWS and counts["due"]}
@@ -109,9 +108,9 @@ def _in_order(counts: SignalLedger) -> SignalLedger:
 
 
 def disagreements(ledger: Mapping[str, Mapping[str, Mapping[str, SignalLedger]]], facts: StationFacts) -> Iterator[str]:
-    """Where the ledger and the session's own count of due readings differ, in words.
+    """Yield differences between the accounting and the session's own count of due readings.
 
-    Counters are also read outside the sampling, so the ledger may have more of them, never fewer.
+    Counters are also read outside the sampling, so the accounting may have more of them, never fewer.
     """
     for port, signals in facts.due.items():
         for signal, counted in signals.items():

@@ -22,7 +22,7 @@ from jbclog.guard.lease import NAME as LEASE
 from jbclog.guard.lease import read_leases, registered_runs
 from jbclog.record.annotations import read
 from jbclog.record.check import check
-from jbclog.record.guard_actions import DIARY
+from jbclog.record.guard_actions import ACTION_LOG as DIARY
 from jbclog.record.manifest import read_manifest
 from support.command import jbclog, until
 from support.faults.guarded import TOOLS, Blow, ended, events, guard_that_is_there, only_run, running, told_after

@@ -14,12 +14,12 @@ from jbclog.core.foreign.files import Kind, read_foreign
 
 T = TypeVar("T")
 
-# Python's JSON accepts NaN, infinity and numbers of any length. Here a number is finite and a whole number fits 64 bits, so that
-# later arithmetic does not fail.
+# Python's JSON accepts NaN, infinity and numbers of any length. Here a number is finite and at most `LARGEST`: a whole one fits 64
+# bits, may become a float and be read again, and later arithmetic does not fail.
 MOST_OBJECTS: Final = 400_000  # objects and lists; an empty one takes three bytes in the file and 64 in memory
 WHOLE: Final = 1 << 62
 LONGEST: Final = 20  # digits
-LARGEST: Final = 1e18
+LARGEST: Final = float(WHOLE)
 FIRST_S, LAST_S = 0.0, 7_258_118_400.0  # 1970 to 2200, in seconds: pandas' times end in 2262
 LEAST_PERIOD_S, MOST_PERIOD_S = 1e-6, 1e6  # far beyond what `rate_hz` allows
 YEARS: Final = range(1970, 2200)

@@ -327,7 +327,7 @@ def test_a_value_at_the_edge_of_its_range_is_taken(section: str, key: str, value
             "which tell nothing of it; it is for ale",
         ),
         ('[recipe]\nname = "x"\nrevision = 1\nfamilies = []\n', None),
-        (HEAD.replace('"ucr"', '"dde"'), 'job.toml:4: recipe.families: "dde" stands there twice'),
+        (HEAD.replace('"ucr"', '"dde"'), 'job.toml:4: recipe.families: "dde" is listed twice'),
         (HEAD.replace('"job"', '"j\\u202eob"'), None),
         (HEAD + "# \u202e hidden\n", "job.toml:5: holds the hidden or control character U+202E"),
     ],

@@ -103,7 +103,7 @@ def test_a_lease_is_never_written_through_a_link(tmp_path: Path, name: str) -> N
     assert not (folder / NAME).is_symlink()
 
 
-@pytest.mark.parametrize("name", [NAME, guard_actions.DIARY])
+@pytest.mark.parametrize("name", [NAME, guard_actions.ACTION_LOG])
 def test_nothing_is_read_or_cut_through_a_link_and_no_pipe_is_waited_for(tmp_path: Path, name: str) -> None:
     folder, foreign = tmp_path / "run", tmp_path / "foreign"
     folder.mkdir()
@@ -113,7 +113,7 @@ def test_nothing_is_read_or_cut_through_a_link_and_no_pipe_is_waited_for(tmp_pat
         with suppress(OSError):
             assert not look(folder)
     with pytest.raises(OSError, match="symbolic links"):
-        ActionLog(folder).reserve(1) if name == guard_actions.DIARY else os.open(folder / name, os.O_RDONLY | os.O_NOFOLLOW)
+        ActionLog(folder).reserve(1) if name == guard_actions.ACTION_LOG else os.open(folder / name, os.O_RDONLY | os.O_NOFOLLOW)
     assert foreign.read_text().endswith("\n\n\n")
     (folder / name).unlink()
     os.mkfifo(folder / name)
@@ -192,7 +192,7 @@ def test_a_disk_that_is_full_is_no_reason_to_stop(tmp_path: Path, monkeypatch: p
 
 
 def test_a_diary_that_cannot_be_written_is_not_waited_for_and_says_so(tmp_path: Path) -> None:
-    (tmp_path / guard_actions.DIARY).mkdir()
+    (tmp_path / guard_actions.ACTION_LOG).mkdir()
     action_log = ActionLog(tmp_path)
     action_log.write("guard.took_over", "error", "text")
     action_log.tidy()
@@ -204,11 +204,11 @@ def test_a_sealed_run_is_never_written_to_again_and_told_beside_its_record(tmp_p
     action_log = ActionLog(folder, "jbclog run")
     action_log.write("guard.took_over", "error", "before")
     recover(folder)
-    sealed = (folder / guard_actions.DIARY).read_bytes()
+    sealed = (folder / guard_actions.ACTION_LOG).read_bytes()
     action_log.reserve()
     action_log.write("safety.safe_state", "info", "The tool is safe.", "a", 2)
     action_log.tidy()
-    assert (check(folder), (folder / guard_actions.DIARY).read_bytes()) == ([], sealed)
+    assert (check(folder), (folder / guard_actions.ACTION_LOG).read_bytes()) == ([], sealed)
     assert [event.text for event in guard_actions.action_log(folder)] == ["before"]
     (said,) = annotations.read(folder).said
     assert (said.who, said.what, said.kind) == ("jbclog run", "a port 2: The tool is safe.", "safety.safe_state")
@@ -218,7 +218,7 @@ def test_a_sealed_run_is_never_written_to_again_and_told_beside_its_record(tmp_p
 
 
 def blocks(folder: Path) -> int:
-    return (folder / guard_actions.DIARY).stat().st_blocks * 512
+    return (folder / guard_actions.ACTION_LOG).stat().st_blocks * 512
 
 
 def test_the_diary_has_its_room_before_it_is_needed_and_gives_it_back(tmp_path: Path) -> None:
@@ -233,7 +233,7 @@ def test_the_diary_has_its_room_before_it_is_needed_and_gives_it_back(tmp_path: 
     assert blocks(tmp_path) == room
     assert [event.port for event in guard_actions.action_log(tmp_path)] == list(range(1000))
     action_log.tidy()
-    assert (tmp_path / guard_actions.DIARY).read_bytes().splitlines()[-1].startswith(b"{")
+    assert (tmp_path / guard_actions.ACTION_LOG).read_bytes().splitlines()[-1].startswith(b"{")
     assert blocks(tmp_path) < room
 
 
@@ -271,7 +271,7 @@ def test_a_line_behind_one_that_was_torn_off_is_whole(tmp_path: Path) -> None:
     action_log = ActionLog(tmp_path)
     action_log.reserve()
     action_log.write("guard.took_over", "error", "first")
-    with (tmp_path / guard_actions.DIARY).open("r+b") as file:
+    with (tmp_path / guard_actions.ACTION_LOG).open("r+b") as file:
         data = file.read().rstrip(b"\n")
         file.seek(len(data) - 10)
         file.write(b"\n" * 10)

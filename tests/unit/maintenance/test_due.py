@@ -99,7 +99,7 @@ def test_days_are_of_the_calendar() -> None:
 def test_what_was_never_done_waits_since_the_first_audit(days: int, expected: State, percent: float | None) -> None:
     found = state(worked(1, 1), task=CHECK, now=24.0 * days)
     assert (found.state, found.percent and found.percent.low, found.due) == (expected, percent, None)
-    assert found.why.startswith("nobody told when it was done last")
+    assert found.why.startswith("last service date unknown")
 
 
 def test_a_station_is_done_when_all_of_it_is() -> None:

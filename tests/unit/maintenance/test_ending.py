@@ -156,7 +156,7 @@ def test_the_table_tells_what_was_not_read() -> None:
 
 
 def test_what_nobody_told_is_said_without_a_number() -> None:
-    why = "nobody told when it was done last"
+    why = "last service date unknown"
     told = replace(fleets.task(5, 20), used=None, percent=None, state=State.UNKNOWN, due=None, why=why)
     seen = "\n".join(lines(fleets.fleet(replace(FINE, tasks=(told,)))))
     assert f"not known Tip temperature verified: {why} (life: 90 d)" in seen

@@ -76,8 +76,8 @@ families = ["dda"]
     assert [line.split(":")[1] for line in said] == ["2", "3", "4", "8", "10", "11", "13", "14", "17"]
     assert said[1] == f'tasks.toml:3: task[1].counter: "work_hours" is not allowed; one of {COUNTERS}'
     assert said[3] == "tasks.toml:8: task[2].counter: work_h is not counted so; with life_m one of dispensed_mm"
-    assert said[6].startswith("tasks.toml:13: task[3]: life_h and life_days stand there; exactly one of")
-    assert said[7] == "tasks.toml:14: task[3].name: rollers stands there twice, first in line 7"
+    assert said[6].startswith("tasks.toml:13: task[3]: life_h and life_days are given; exactly one of")
+    assert said[7] == "tasks.toml:14: task[3].name: rollers is given twice, first in line 7"
 
 
 COUNTERS = (
@@ -90,10 +90,10 @@ COUNTERS = (
     ("text", "sentence"),
     [
         ("", "task: missing; at least one [[task]]"),
-        ('[[task]]\nname = "a"\n', "no life is given; exactly one of life_h, life_cycles, life_m, life_days"),
+        ('[[task]]\nname = "a"\n', "no service interval is given; exactly one of life_h, life_cycles, life_m, life_days"),
         ('[[task]]\nname = "a"\nlife_h = 3\n', "task[1].counter: missing; with life_h one of plugged_h"),
         ('[[task]]\nname = "a"\ncounter = "work_h"\nlife_days = 3\n', "days of the calendar and take no counter"),
-        ('[[task]]\nname = "counters-reset"\nlife_days = 3\n', "a task needs a name of its own"),
+        ('[[task]]\nname = "counters-reset"\nlife_days = 3\n', "give the task another name"),
         ('[[task]]\nname = "a"\nlife_days = 1e-300\n', "life_days: 1e-300 is not allowed; days, 0.01 or more"),
         ('[[task]]\nname = "a"\nlife_days = "3"\n', 'life_days: "3" is not allowed; days, 0.01 or more'),
         ('[task]\nname = "a"\n', "task"),

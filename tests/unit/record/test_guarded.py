@@ -10,7 +10,7 @@ import pytest
 from jbclog.guard.action_log import NAME, ActionLog
 from jbclog.record import conclude as concluding
 from jbclog.record.check import check
-from jbclog.record.guard_actions import DIARY
+from jbclog.record.guard_actions import ACTION_LOG as DIARY
 from jbclog.record.manifest import read_manifest
 from jbclog.record.parts import row_groups
 from jbclog.record.recover import recover

@@ -18,7 +18,8 @@ from jbclog.guard.open_leases import settle
 from jbclog.record import conclude
 from jbclog.record import conclude as concluding
 from jbclog.record.check import check
-from jbclog.record.guard_actions import DIARY, LEASE
+from jbclog.record.guard_actions import ACTION_LOG as DIARY
+from jbclog.record.guard_actions import LEASE
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
 from jbclog.record.parts import row_groups
 from jbclog.record.recover import Outcome, recover
