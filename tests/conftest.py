@@ -81,6 +81,14 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ["JBCLOG_ROW"] = row
 
 
+ONCE_EACH = {
+    "jbclog.analysis.joints.sweeps": ("identify", "doubt_of"),
+    "jbclog.analysis.joints.joints": ("identify", "doubt_of"),
+    "jbclog.report.paper": ("pdf_of",),
+}
+"""What takes more than half of a report, and depends on nothing but its arguments: other processes show that (`test_paper.py`)."""
+
+
 def once_each(pure: Callable[..., Any]) -> Callable[..., Any]:
     """A pure function that is computed once for each input, by the bytes of the input."""
     known: dict[bytes, Any] = {}
@@ -95,12 +103,13 @@ def once_each(pure: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def pytest_collection_finish() -> None:
-    """Identify the tip of a recorded run once, however many reports, metrics and joints are made of it: a third of a report.
+    """Identify the tip of a recorded run and set its paper once, however many reports, metrics and joints are made of it.
 
     Keep the collector from walking through ten thousand collected tests again and again: a twentieth of the suite's time."""
-    for module in filter(None, map(sys.modules.get, ("jbclog.analysis.joints.sweeps", "jbclog.analysis.joints.joints"))):
-        for name in ("identify", "doubt_of"):
-            setattr(module, name, once_each(getattr(module, name)))
+    for module, names in ONCE_EACH.items():
+        if module in sys.modules:  # or no test of this session needs it
+            for name in names:
+                setattr(sys.modules[module], name, once_each(getattr(sys.modules[module], name)))
     gc.collect()
     gc.freeze()
     gc.set_threshold(10_000, 20, 20)
