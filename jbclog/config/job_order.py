@@ -9,15 +9,10 @@ from datetime import date, datetime, time, timedelta
 from enum import StrEnum
 from typing import Final, Protocol
 
-# -- job time -----------------------------------------------------------------------------------------------------------------
-# When a job that waits for a time of day may begin: local time, as the clock on the wall shows it.
-#
-# ``22:00`` is the next time that the clock shows 22:00; one that has just passed counts as now, because who starts a batch for
-# 22:00 may be a little late. Jobs that follow each other are a timetable: the time of a later one comes after that of those before
-# it, so that ``02:00`` behind ``22:00`` is the next morning's whenever the batch is started.
-#
-# Summer time: a time that the clock skips is the moment of the skip, as cron has it; one that it shows twice is the next of the
-# two.
+# Times of day are local. ``22:00`` is the next 22:00; one that has just passed counts as now, for a batch started a little
+# late. Jobs in sequence form a timetable: a later job's time comes after those before it, so ``02:00`` behind ``22:00`` is
+# the next morning's. Daylight saving: a skipped time is the moment of the skip, as in cron; of a repeated one the next
+# counts.
 
 JUST_PASSED_S: Final = 600.0
 DAYS: Final = 3  # a day may have no such time, or have had it
@@ -29,14 +24,14 @@ class Zone(Protocol):
     """Local time. Its two ways are those of the system, or of a zone by name in a test."""
 
     def utc(self, wall: datetime) -> float:
-        """Seconds since 1970 UTC of what the clock on the wall shows; `fold` says which of two."""
+        """Return seconds since 1970 UTC of a local time; `fold` selects one of two."""
 
     def wall(self, utc_s: float) -> datetime:
-        """What the clock on the wall shows then, without a zone."""
+        """Return the local time, without a zone."""
 
 
 class SystemZone:
-    """The local time of this computer."""
+    """Return this computer's local time."""
 
     @staticmethod
     def utc(wall: datetime) -> float:
@@ -60,7 +55,7 @@ class At:
 
 
 def read_at(text: str) -> At | None:
-    """The time that a text says, None where it says none."""
+    """Parse a time of day; None for other text."""
     found = _AT.fullmatch(text.strip())
     if found is None:
         return None
@@ -71,7 +66,7 @@ def read_at(text: str) -> At | None:
 
 
 def due(at: At, after_s: float, zone: Zone) -> float | None:
-    """The first moment from `after_s` on at which it is due, seconds since 1970 UTC; None where its date is over."""
+    """Return the first due moment from `after_s` on, seconds since 1970 UTC; None if its date is over."""
     if at.date is not None:
         days = [at.date]
     else:
@@ -82,14 +77,14 @@ def due(at: At, after_s: float, zone: Zone) -> float | None:
 
 
 def _moments(wall: datetime, zone: Zone) -> list[float]:
-    """When the clock shows it: once, twice, or, where it is skipped, the moment at which it is skipped."""
+    """Return the moments of a local time: one, two, or the moment of the skip."""
     both = sorted({zone.utc(wall.replace(fold=0)), zone.utc(wall.replace(fold=1))})
     shown = [moment for moment in both if zone.wall(moment).replace(fold=0) == wall]
     return shown or [_skip(wall, both[0], both[-1], zone)]
 
 
 def _skip(wall: datetime, before: float, behind: float, zone: Zone) -> float:
-    """The first whole second between the two at which the clock shows a later time."""
+    """Return the first whole second between the two with a later local time."""
     low, high = int(before) - 1, int(behind) + 1
     while high - low > 1:
         middle = (low + high) // 2
@@ -100,11 +95,8 @@ def _skip(wall: datetime, before: float, behind: float, zone: Zone) -> float:
     return float(high)
 
 
-# -- job order ----------------------------------------------------------------------------------------------------------------
-
-
 class OnFailure(StrEnum):
-    """What a job that fails means for those that have not begun."""
+    """What happens to jobs not yet begun if a job fails."""
 
     STOP = "stop"
     SKIP = "skip"
@@ -113,7 +105,7 @@ class OnFailure(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Turn:
-    """A job as the queue sees it. `places` are what it needs for itself: its stations, and the reader of its units."""
+    """A job in the queue. `places`: what it needs for itself, its stations and the reader of its units."""
 
     name: str
     places: frozenset[str]
@@ -138,7 +130,7 @@ def in_turn(turns: Iterable[Turn]) -> list[Turn]:
 
 
 def circle(after: Mapping[str, Sequence[str]]) -> list[str]:
-    """Jobs that wait for each other in a circle, the first one again at the end; nothing where there are none."""
+    """Return jobs that wait for each other in a circle, with the first again at the end; empty if there are none."""
     left = dict(after)
     while True:
         free = [name for name, others in left.items() if not any(one in left for one in others)]

@@ -1,4 +1,4 @@
-"""Line files: which stations there are, on which ports; read and written."""
+"""Line files: the stations and their ports; read and written."""
 
 from __future__ import annotations
 
@@ -21,19 +21,16 @@ from jbclog.core.errors import Problem, Problems
 from jbclog.core.serial_line import BAUDRATES, SCHEMES, LineFormat, scheme_of
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family, model_problem
 
-# -- port url -----------------------------------------------------------------------------------------------------------------
-# Urls of ports: device paths, COM ports, and what pyserial opens by a scheme.
-
 _WINDOWS_PORT = re.compile(r"COM\d{1,3}|\\\\\.\\.+", re.IGNORECASE)
 
 
 def is_path(url: str) -> bool:
-    """Whether the url is a path of a device, not a scheme or a COM port."""
+    """Whether the URL is a device path, without a scheme and no COM port."""
     return "://" not in url and not _WINDOWS_PORT.fullmatch(url)
 
 
 def checked_url(value: str) -> str:
-    """A device path, absolute or below the line file's folder, or one of pyserial's URLs with what it needs."""
+    """Return a valid device path or pyserial URL unchanged; a relative path stays below the line file's folder."""
     if "://" not in value:
         path = PurePosixPath(value)
         if ".." in path.parts and not path.is_absolute():
@@ -46,7 +43,7 @@ def checked_url(value: str) -> str:
 
 
 def url_problem(value: str) -> str | None:
-    """What is wrong with a url that has a scheme; None where it may be opened, or is a path."""
+    """Return what is wrong with a URL that has a scheme; None for a valid one, or a path."""
     scheme = scheme_of(value)
     if "://" not in value:
         return None
@@ -58,14 +55,14 @@ def url_problem(value: str) -> str | None:
 
 
 def is_served_here(url: str) -> bool:
-    """Whether it is where stations are served on this machine: a relative path, or a TCP port of its own."""
+    """Whether the URL can serve stations on this machine: a relative path, or a local TCP port."""
     if is_path(url):
         return not PurePosixPath(url).is_absolute()
     return scheme_of(url) == "socket" and is_this_host(urlsplit(url).hostname or "")
 
 
 def tcp_port(url: str) -> str | None:
-    """``host:port`` of socket:// and rfc2217://, this machine always by one name; None for any other url. No name is looked up."""
+    """Return ``host:port`` of socket:// and rfc2217://, with one name for this machine; None for other URLs. Resolves no names."""
     if scheme_of(url) not in ("socket", "rfc2217") or not _has_host_and_port(url):
         return None
     parts = urlsplit(url)
@@ -74,7 +71,7 @@ def tcp_port(url: str) -> str | None:
 
 
 def is_this_host(host: str) -> bool:
-    """Whether that is what this machine calls itself, and nobody else can be meant."""
+    """Whether the host is this machine for certain."""
     try:
         return host == "localhost" or ip_address(host).is_loopback
     except ValueError:
@@ -88,8 +85,6 @@ def _has_host_and_port(url: str) -> bool:
     except ValueError:
         return False
 
-
-# -- line ---------------------------------------------------------------------------------------------------------------------
 
 AUTO: Final = "auto"
 LONGEST_MODEL: Final = 16
@@ -116,7 +111,7 @@ def _family(name: str) -> str:
 
 
 def _model(name: str) -> str:
-    """As R-SMN is read: without the blanks before it."""
+    """Return the name as R-SMN is read, without leading blanks."""
     bare = name.strip(" ")
     if not (1 <= len(bare) <= LONGEST_MODEL and bare.isascii() and bare.isprintable()):
         raise said(f"{shown(name)} is not allowed; 1 to {LONGEST_MODEL} printable characters, as the station gives its model")
@@ -144,7 +139,7 @@ PortNumber = Annotated[int, Field(ge=1, le=4)]
 
 
 class StationTable(Table):
-    """One table `[[station]]`, as it stands in the file."""
+    """A table `[[station]]` of the file."""
 
     name: Name = Field(description=NAME_ALLOWED)
     url: Annotated[str, AfterValidator(checked_url)] = Field(
@@ -183,12 +178,12 @@ class StationSpec(StationTable):
 
     @property
     def is_device(self) -> bool:
-        """Whether the url is a path and not one of pyserial's URLs or a COM port."""
+        """Whether the URL is a device path."""
         return is_path(self.url)
 
     @property
     def is_relative(self) -> bool:
-        """Whether the file gives a device path that is taken from the file's own folder (virtual stations)."""
+        """Whether the file has a device path relative to its own folder (virtual stations)."""
         return is_path(self.written_url) and not Path(self.written_url).is_absolute()
 
 
@@ -209,7 +204,7 @@ class Replay(Table):
     first_in_s: dict[str, Annotated[float, Field(ge=0, le=3600)]] = Field({}, description="seconds by the stations' names")
 
     def begin(self, station: str) -> tuple[int, float] | None:
-        """The number of a station's first tick, and in how many seconds it was due when all before it was done."""
+        """Return the number of a station's first tick, and the seconds until it was due."""
         tick, in_s = self.first_tick.get(station), self.first_in_s.get(station)
         return None if tick is None or in_s is None else (tick, in_s)
 
@@ -223,7 +218,7 @@ class LineTables(Table):
 
 
 class Line(Table):
-    """The stations that one recorder drives, in the file's order, and the text they were read from."""
+    """The stations that one recorder drives, in the file's order, and the file's text."""
 
     name: str
     stations: tuple[StationSpec, ...]
@@ -236,7 +231,7 @@ class Line(Table):
 
     @property
     def text(self) -> str:
-        """The file's text: ``text.encode()`` are its very bytes."""
+        """The file's text: ``text.encode()`` gives its bytes."""
         return self.source.text
 
     @property
@@ -244,21 +239,21 @@ class Line(Table):
         return hashlib.sha256(self.text.encode()).hexdigest()
 
     def station(self, name: str) -> StationSpec:
-        """The station of that name; `KeyError` where there is none."""
+        """Return the station `name`. Raises KeyError."""
         return {station.name: station for station in self.stations}[name]
 
     def problem(self, key: KeyPath, text: str) -> Problem:
-        """Something that is wrong with one of the file's keys, with file and line."""
+        """Return a problem of a key, with file and line."""
         return self.source.problem(key, text)
 
 
 def load_line(path: Path) -> Line:
-    """The line file at `path`. Raises `Problems` with everything that is wrong with it."""
+    """Read a line file. Raises Problems with all its mistakes."""
     return parse_line(read_text(path), path)
 
 
 def parse_line(text: str, path: Path) -> Line:
-    """The line file of that text; relative paths are taken from the folder of `path`."""
+    """Parse a line file; relative paths start at the folder of `path`."""
     source = parse(text, str(path))
     if "recipe" in source.tables and not {"line", "station"} & source.tables.keys():
         raise Problems([Problem(source.file, None, "", IS_A_RECIPE)])
@@ -293,7 +288,7 @@ def _read_station(source: TomlText, place: int, table: dict[str, object], proble
 
 
 def _accepted_model(source: TomlText, at: KeyPath, table: dict[str, object], family: Family | None) -> Iterator[Problem]:
-    """A name that cannot be driven as the family says."""
+    """Yield a problem of a model that the family cannot drive."""
     model = table.get("model")
     if not isinstance(model, str):
         return
@@ -309,7 +304,7 @@ def _without_addresses(source: TomlText, at: KeyPath, family: Family, address: o
 
 
 def _within_family(source: TomlText, at: KeyPath, family: Family, ports: object) -> Iterator[Problem]:
-    """Ports that other families have and this one has not."""
+    """Yield problems of ports that the family does not have."""
     if family.ports is None or not isinstance(ports, list):
         return
     for place, port in enumerate(ports):
@@ -319,7 +314,7 @@ def _within_family(source: TomlText, at: KeyPath, family: Family, ports: object)
 
 
 def _between_stations(source: TomlText, path: Path) -> Iterator[Problem]:
-    """Names and ports of this computer that two stations share."""
+    """Yield names and ports that two stations share."""
     tables = list(_station_tables(source))
     names = [(place, table.get("name")) for place, table in tables]
     urls = [(place, _same_port(table.get("url"), path)) for place, table in tables]
@@ -338,7 +333,7 @@ def _shared(source: TomlText, key: str, values: Iterable[tuple[int, object]], te
 
 
 def _same_port(url: object, path: Path) -> object:
-    """What two urls of one port have in common: links of devices are followed; options behind a TCP port mean nothing."""
+    """Return a key that is equal for URLs of one port: device links are followed, options of a TCP port ignored."""
     if not isinstance(url, str) or not url:
         return url
     if not is_path(url):
@@ -354,7 +349,7 @@ def _folder(path: Path) -> Path:
 
 
 def _placed(table: StationTable, path: Path) -> StationSpec:
-    """The station with absolute paths, and with what its family brings where the file names nothing."""
+    """Return the station with absolute paths, and its family's defaults."""
     folder, family = _folder(path), FAMILIES.get(table.family)
     values = {name: getattr(table, name) for name in StationTable.model_fields}
     values["url"] = str(folder / table.url) if is_path(table.url) else table.url
@@ -366,15 +361,12 @@ def _placed(table: StationTable, path: Path) -> StationSpec:
     return StationSpec.model_construct(**values, written_url=table.url)
 
 
-# -- line text ----------------------------------------------------------------------------------------------------------------
-# The text of a line file, written: what `parse_line` reads again as the same stations.
-
 Described = tuple[StationTable, str]
-"""A station and what is said of it in a comment above it, or nothing."""
+"""A station, and a comment above it or nothing."""
 
 
 def line_text(name: str, stations: Iterable[Described], heading: str, replay: Replay | None = None) -> str:
-    """The text of a line file. `heading` and what is said of stations become comments."""
+    """Format a line file that `parse_line` reads as the same stations; `heading` and texts become comments."""
     parts = ["\n".join(_station(station, said)) for station, said in stations]
     return f"{line_comment(heading)}[line]\nname = {quoted(name)}\n{_replay(replay)}" + "".join(parts)
 
@@ -396,12 +388,12 @@ def _by_name(values: Mapping[str, float]) -> str:
 
 
 def line_comment(text: str) -> str:
-    """The text as comments, line by line."""
+    """Format the text as comment lines."""
     return "".join(f"# {line}\n" for line in _plain(text).splitlines())
 
 
 def _plain(text: str) -> str:
-    """Text that a comment can hold: a control character is no TOML, and a hidden one is refused."""
+    """Return the text without control and invisible characters, which a comment must not hold."""
     return "".join(sign if sign == "\n" or sign.isprintable() else "?" for sign in text)
 
 
@@ -411,7 +403,7 @@ def _station(station: StationTable, said: str) -> Iterator[str]:
 
 
 def station_text(station: StationTable) -> str:
-    """One station's table without anything around it."""
+    """Format the table of one station."""
     return "\n".join(("[[station]]", *_keys(station)))
 
 
@@ -436,5 +428,5 @@ def _keys(station: StationTable) -> Iterator[str]:
 
 
 def quoted(text: str) -> str:
-    """A TOML basic string: JSON's escapes are TOML's, but for the one character that JSON leaves alone."""
+    """Format a TOML basic string; its escapes are JSON's, except for DEL, which JSON does not escape."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,4 +1,4 @@
-"""From a recipe file to a `Recipe`, or to everything that is wrong with it."""
+"""Reads and checks a recipe file; reports all its mistakes."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ from jbclog.core.quantities import OFF
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.ranges import range_problem
 
-# -- recipe checks ------------------------------------------------------------------------------------------------------------
-# What the schema alone cannot tell of a recipe: the families' ranges and steps, and what belongs together.
+# Checks beyond the schema: the families' ranges and steps, and conflicts between keys.
 #
 # Only what a manual prints is held against a value (`Command.limits`); what the station alone knows, its highest
 # and lowest temperature, is checked live (`settings.live_problems`).
@@ -52,7 +51,7 @@ COOLING_DELAYS: Final = ("sleep.delay_min", "hibernation.delay_min")
 
 
 def problems_between(recipe: Recipe) -> Iterator[Problem]:
-    """Everything that is wrong with a recipe whose keys have the right types."""
+    """Return the problems of a recipe whose keys have the right types."""
     yield from _foreign_sections(recipe)
     yield from _foreign_ports(recipe)
     yield from _out_of_range(recipe)
@@ -147,7 +146,7 @@ def _state(recipe: Recipe, key: str, state: str, table: Mapping[str, tuple[str, 
 
 
 def _temperatures(recipe: Recipe, asked: Mapping[str, Asked]) -> Iterator[Problem]:
-    """Limits and temperatures of one port that contradict each other. An alarm that is off contradicts nothing."""
+    """Yield limits and temperatures of a port that contradict each other; an alarm that is off is ignored."""
     select, sleep = asked.get("temperature.select_c"), asked.get("sleep.temperature_c")
     high, low = _armed(asked, "high"), _armed(asked, "low")
     yield from _below(recipe, select, high, "must be above", "must be below")
@@ -164,7 +163,7 @@ def _armed(asked: Mapping[str, Asked], side: str) -> Asked | None:
 def _below(
     recipe: Recipe, low: Asked | None, high: Asked | None, above: str, below: str, *, equal: bool = False
 ) -> Iterator[Problem]:
-    """A problem where `low` is not below `high`; it stands at the port's own one of the two keys, else at the limit's."""
+    """Yield a problem if `low` is not below `high`, at the port's own key of the two, else at the limit's."""
     if low is None or high is None or not isinstance(low.value, int) or not isinstance(high.value, int):
         return
     if low.value < high.value or (equal and low.value == high.value):
@@ -179,7 +178,7 @@ def _rank(one: Asked) -> tuple[bool, bool]:
 
 
 def _feeder(recipe: Recipe) -> Iterator[Problem]:
-    """Lengths and speeds that cannot be meant together."""
+    """Yield lengths and speeds that contradict each other."""
     feeder = recipe.feeder
     if feeder.length_mm is not None and feeder.backward_mm is not None and feeder.backward_mm > feeder.length_mm:
         yield recipe.problem(("feeder", "backward_mm"), f"pulls back more than feeder.length_mm ({feeder.length_mm:g} mm) feeds")
@@ -195,23 +194,21 @@ def long_feed(recipe: Recipe) -> str | None:
 
 
 def warnings(recipe: Recipe) -> list[Problem]:
-    """What is allowed and should be said before a run begins."""
+    """Yield warnings of allowed but unusual values, for before a run."""
     return list(dict.fromkeys(no_cooldown(recipe))) if recipe.run.allow_no_cooldown else []
 
-
-# -- load recipe --------------------------------------------------------------------------------------------------------------
 
 IS_A_LINE: Final = "this is a line file; a recipe has [recipe] and what is asked of the stations"
 _STAND_IN: Final[dict[str, object]] = {"name": "unnamed", "revision": 0, "families": list(FAMILIES)}
 
 
 def load_recipe(path: Path, *, links: bool = True) -> Recipe:
-    """The recipe at `path`; `links` as in `open_foreign`. Raises `Problems` with everything that is wrong with it."""
+    """Read a recipe; `links` as in `open_foreign`. Raises Problems with all its mistakes."""
     return parse_recipe(read_text(path, links=links), path)
 
 
 def parse_recipe(text: str, path: Path = Path("recipe.toml")) -> Recipe:
-    """The recipe of that text; `path` stands in its sentences."""
+    """Parse a recipe; `path` appears in messages."""
     source = parse(text, str(path))
     if "recipe" not in source.tables and {"line", "station"} & source.tables.keys():
         raise Problems([Problem(source.file, None, "", IS_A_LINE)])
@@ -231,7 +228,7 @@ def _recipe(tables: RecipeTables, source: TomlText) -> Recipe:
 
 
 def _what_is_left(source: TomlText, wrong: list[KeyPath]) -> RecipeTables | None:
-    """The recipe without the keys that are wrong, so that what belongs together is checked at the same time."""
+    """Return the recipe without its wrong keys, so that conflicts between the others are reported, too."""
     data = copy.deepcopy(source.tables)
     for key in reversed(wrong):  # from the end, so that places in lists stay what they were
         _drop(data, source.known(key))

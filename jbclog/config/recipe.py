@@ -1,7 +1,6 @@
 """A recipe, and the order in which its keys are written to a station.
 
-Its tables are in `recipe_sections.py`; ranges and what belongs together are checked in `load_recipe.py`, because those are the
-families'. `asked(port)` is what one port is to hold, the port's own tables before the common ones.
+Its tables are in `recipe_sections.py`; `load_recipe.py` checks the families' ranges and conflicts between keys.
 """
 
 from __future__ import annotations
@@ -21,28 +20,20 @@ from jbclog.core.errors import Problem
 from jbclog.core.quantities import Value
 from jbclog.protocol.commands.family import FAMILIES, Family
 
-# -- write order --------------------------------------------------------------------------------------------------------------
-# Which command writes which key of a recipe, and in what order a port is written.
+# The order of writing lets a run stop anywhere without leaving the tool in a worse state:
 #
-# The order is the one in which a run may stop at any place and leave the tool no worse than it was:
+# 1. Sleep and hibernation delay, the way to cool down: a safe state works whatever fails later.
+# 2. Alarms, armed before heat. One switched off loses its delay first, so that a moved limit cannot raise it; one switched
+#    on gets its limit first, and is armed by its delay.
+# 3. The sleep temperature, which is the setpoint of a sleeping tool, and adjust, which moves the tip by up to 50 °C.
+# 4. The selected temperature.
 #
-# 1. Sleep and hibernation delay: the way to cool down. Whatever fails later, the safe state that follows leads
-#    somewhere.
-# 2. Alarms: the guard stands before heat is asked for. An alarm that is switched off loses its delay first, so
-#    that moving its limit cannot set it off; one that is armed gets its limit first, and is armed by its delay.
-# 3. The sleep temperature, which is the setpoint of a tool that sleeps, and adjust, which moves the tip by up to 50 °C at
-#    the same setpoint.
-# 4. The selected temperature last.
+# Hot air: the work mode first, which defines the rest, then the flow, because a heater without air burns, and the
+# temperature last. The session orders the tool's status after all settings. The feeder comes before the ports: clog
+# detection, the solder wire and its motion, and the mode, which defines those numbers; no setting starts it.
 #
-# On hot air the work mode comes first, which says what the rest means, then the flow, because a heater without air is
-# burnt, and the temperature last.
-#
-# The tool's status is no setting and is ordered after all of these, by the session. The feeder is set up before
-# the ports: clog detection first, what the wire is and how it moves then, and the mode, which says what those
-# numbers mean, last; no setting starts it.
-#
-# What can heat a tool that is at work already is `CAN_HEAT`, all else `CANNOT_HEAT`: a run writes the second on all of its
-# stations before it writes the first on any of them (`session/run/station_run.py`).
+# `CAN_HEAT` lists commands that can heat a working tool, `CANNOT_HEAT` the others: a run writes the others on all stations
+# before the first of these on any (`session/run/station_run.py`).
 
 COMMAND_OF: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -67,10 +58,10 @@ COMMAND_OF: Final[Mapping[str, str]] = MappingProxyType(
         "feeder.mode": "feeder_mode",
     }
 )
-"""The setting's key in a recipe (without ``port.N.``) and the command that carries it, in the order of writing."""
+"""The setting's key in a recipe (without ``port.N.``) and its command, in the order of writing."""
 
 WHEN_OFF: Final = ("alarm.high", "alarm.low")
-"""Alarms whose delay goes before their limit where it switches them off."""
+"""Alarms whose delay is written before their limit if it switches them off."""
 
 CANNOT_HEAT: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -88,7 +79,7 @@ CANNOT_HEAT: Final[Mapping[str, str]] = MappingProxyType(
         "feeder_mode": "says what the feeder's numbers mean; only W-STR starts it",
     }
 )
-"""Command -> why it leaves every tool as warm as it is."""
+"""Command -> why it heats no tool."""
 
 CAN_HEAT: Final[Mapping[str, str]] = MappingProxyType(
     {
@@ -103,19 +94,17 @@ CAN_HEAT: Final[Mapping[str, str]] = MappingProxyType(
         "store_condition": "decides what the machine does next with its hot iron",
     }
 )
-"""Command -> why a tool can get warmer by it."""
+"""Command -> why it can heat a tool."""
 
-
-# -- recipe -------------------------------------------------------------------------------------------------------------------
 
 USUAL_HZ = 10.0
 PORTS = (1, 2, 3, 4)  # that any station can have
 NO_SAFE_STATE = "none"
-"""What a family has that no order makes safe (omega)."""
+"""Settings of a family without a safe order of writing (omega)."""
 
 
 class Asked(NamedTuple):
-    """One value that the recipe asks for: the setting's key, where it stands in the file, and the value."""
+    """One value of a recipe: the setting's key, its place in the file, and the value."""
 
     setting: str  # "alarm.high.limit_c", whichever table it comes from
     key: KeyPath  # ("port", "2", "alarm", "high", "limit_c")
@@ -123,7 +112,7 @@ class Asked(NamedTuple):
 
 
 def asked_in(table: Table, at: KeyPath = ()) -> Iterator[Asked]:
-    """Every value that is given in a table of settings and below, in the schema's order."""
+    """Yield the values given in a table of settings and below, in the schema's order."""
     for name in type(table).model_fields:
         value = getattr(table, name)
         if isinstance(value, Table):
@@ -134,7 +123,7 @@ def asked_in(table: Table, at: KeyPath = ()) -> Iterator[Asked]:
 
 
 class Recipe(RecipeTables):
-    """A recipe that has been read and checked, with the text it was read from."""
+    """A checked recipe, with the file's text."""
 
     source: TomlText = Field(repr=False)
 
@@ -156,7 +145,7 @@ class Recipe(RecipeTables):
 
     @property
     def text(self) -> str:
-        """The file's text: ``text.encode()`` are its very bytes."""
+        """The file's text: ``text.encode()`` gives its bytes."""
         return self.source.text
 
     @property
@@ -164,7 +153,7 @@ class Recipe(RecipeTables):
         return hashlib.sha256(self.text.encode()).hexdigest()
 
     def ports_named(self) -> tuple[int, ...]:
-        """The ports that have tables of their own."""
+        """Return the ports with tables of their own."""
         return tuple(sorted(int(name) for name in self.port))
 
     def asked(self, port: int | None = None) -> dict[str, Asked]:
@@ -177,35 +166,35 @@ class Recipe(RecipeTables):
         return {asked.setting: asked for asked in (*asked_in(common), *own)}
 
     def asked_of(self, port: int) -> Iterator[Asked]:
-        """What the port's own tables ask for."""
+        """Return the values of the port's own tables."""
         for name, table in self.port.items():
             if int(name) == port:
                 yield from asked_in(table, ("port", name))
 
     def heated_ports(self) -> frozenset[int]:
-        """The ports whose temperature it sets, of those that any station can have."""
+        """Return the ports whose temperature the recipe sets."""
         if self.air.temperature_c is not None:
             return frozenset(PORTS)
         return frozenset(port for port in PORTS if "temperature.select_c" in self.asked(port))
 
     def safe_state(self, family: str) -> str:
-        """What every touched tool is put in at the end on a station of this family (docs/reference/safe-states.md)."""
+        """Return the safe state of every touched tool of this family (docs/reference/safe-states.md)."""
         known = FAMILIES.get(family)
         if "safe_state" in self.run.model_fields_set or known is None:
             return self.run.safe_state
         return known.safe_states[0] if known.safe_states else NO_SAFE_STATE
 
     def asked_rate(self, family: Family | None) -> float | str:
-        """How often the fast signals are to be read: Hz, or ``auto``; where the recipe does not say, as usual for the family."""
+        """Return the rate of the fast signals: Hz or ``auto``; by default the family's."""
         return self.sampling.rate_hz or self._usual_hz(family)
 
     @property
     def suction(self) -> str:
-        """What becomes of a hot air station's suction at the start: ``keep``, ``on`` or ``off``."""
+        """Return what to do with a hot air station's suction at the start: ``keep``, ``on`` or ``off``."""
         return self.air.suction or "keep"
 
     def rate_hz(self, family: Family | None) -> float:
-        """How often they are to be read at the most: the recipe's number, or what is usual for the family (None: for most)."""
+        """Return their highest rate: the recipe's, or the family's (None for most)."""
         asked = self.sampling.rate_hz
         return asked if isinstance(asked, float) else self._usual_hz(family)
 
@@ -214,5 +203,5 @@ class Recipe(RecipeTables):
         return USUAL_HZ if family is None else family.rate_hz
 
     def problem(self, key: KeyPath, text: str) -> Problem:
-        """Something that is wrong with one of the recipe's keys, with file and line."""
+        """Return a problem of a key, with file and line."""
         return self.source.problem(key, text)

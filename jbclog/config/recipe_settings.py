@@ -1,4 +1,4 @@
-"""What a recipe writes on one station: an ordered list of settings for each port, and one for the station itself."""
+"""The settings that a recipe writes on a station: an ordered list for each port, and one for the station."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class Setting:
 
     @property
     def unit(self) -> str:
-        """The value's unit, with what a share is a share of."""
+        """Return the value's unit, with the base of a percentage."""
         return f"‰ of the station's {str(self.command.share_of).replace('_', ' ')}" if self.is_share else self.command.unit
 
     def shown(self) -> str:
-        """The value with its unit, for sentences."""
+        """Return the value with its unit."""
         return f"{self.value} {self.unit}" if self.is_share else self.command.shown(self.value)
 
     def as_counted(self, held: Mapping[str, Value]) -> Setting | None:
@@ -56,13 +56,13 @@ def settings_for(recipe: Recipe, family: Family, port: int) -> list[Setting]:
 
 
 def station_settings_for(recipe: Recipe, family: Family) -> list[Setting]:
-    """What is written once for the whole station: the feeder of ale. Empty for families without one."""
+    """Return the settings of the whole station: the feeder of ale. Empty for families without one."""
     wanted = sorted(asked_in(recipe.feeder, ("feeder",)), key=lambda one: _PLACE[one.setting])
     return [setting for one in wanted if (setting := _setting(one, family, None)) is not None]
 
 
 def condition_of(recipe: Recipe, family: Family) -> ConditionRecord | None:
-    """The solder condition that the recipe asks of a station of `family`; None where it asks for none."""
+    """Return the solder condition that the recipe sets on a station of `family`, None if it sets none."""
     if recipe.omega is None or family.name not in SECTION_FAMILIES["omega"]:
         return None
     return ConditionRecord(*(getattr(recipe.omega, one.name) for one in fields(ConditionRecord)))
@@ -110,7 +110,7 @@ def _for_port(recipe: Recipe, family: Family, port: int) -> list[tuple[Asked, Se
 
 
 def _place(one: Asked, asked: Mapping[str, Asked]) -> float:
-    """The setting's place in the order; a delay that switches an alarm off comes just before its limit."""
+    """Return the setting's place in the order; a delay that switches an alarm off comes just before its limit."""
     alarm, _, _ = one.setting.rpartition(".")
     if one.value is OFF and alarm in WHEN_OFF:
         return _PLACE[f"{alarm}.limit_c"] - 0.5
@@ -121,13 +121,13 @@ def _setting(one: Asked, family: Family, port: int | None) -> Setting | None:
     command = family.commands.get(COMMAND_OF[one.setting])
     if command is None or not command.writable or not _belongs(one, family):
         return None
-    # as the station will give it back, so that reading back and comparing is exact
+    # as the station reads it back, so that the comparison is exact
     value = command.quantity.decode(command.quantity.encode(one.value))
     return Setting(command, port, value, dotted(one.key), command.share_of is not None)
 
 
 def _belongs(one: Asked, family: Family) -> bool:
-    """Whether the section that asks for it is one for this family."""
+    """Whether its section applies to this family."""
     return family.name in SECTION_FAMILIES[one.setting.partition(".")[0]]
 
 

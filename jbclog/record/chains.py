@@ -1,4 +1,4 @@
-"""Chains of hashes: of a run's events, and of the runs on a line."""
+"""Hash chains: of a run's events, and of the runs on a line."""
 
 from __future__ import annotations
 
@@ -17,27 +17,24 @@ from jbclog.record.folder import LETTERS, RUN_NAME
 from jbclog.record.manifest import NAME, Manifest, Previous, manifest_sha256, read_manifest
 from jbclog.record.schema import SCHEMAS
 
-# -- chain --------------------------------------------------------------------------------------------------------------------
-# Events are a chain: each row holds the SHA-256 of the row before it, the first one that of the run's name.
-#
-# A row that was changed, taken out or put in later breaks the chain at its place. The chain cannot show that its end is
-# missing; the manifest's hash of the file does.
+# Each event holds the SHA-256 of the event before it, the first one that of the run's name. A changed, removed or inserted event
+# breaks the chain at its place. A missing end shows by the manifest's hash of the file.
 
 COLUMNS: Final = tuple(SCHEMAS["events"].names)
 
 
 def first_link(run: str) -> str:
-    """What stands as `prev_sha256` in the first event of the run called `run`."""
+    """Return `prev_sha256` of the first event of `run`."""
     return hashlib.sha256(run.encode()).hexdigest()
 
 
 def digest(row: Mapping[str, object]) -> str:
-    """SHA-256 of an event as canonical JSON: all columns by name, times in µs, keys sorted, no blanks."""
+    """Return the SHA-256 of an event as canonical JSON: all columns by name, times in µs, keys sorted, no blanks."""
     return hashlib.sha256(json.dumps(row, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
 
 
 class Chain:
-    """Numbers and links the events of one run, in the order in which they come."""
+    """Numbers and links the events of a run in order."""
 
     def __init__(self, run: str) -> None:
         self._seq = 0
@@ -45,7 +42,7 @@ class Chain:
 
     @classmethod
     def after(cls, row: Mapping[str, object]) -> Chain:
-        """The chain that goes on behind `row`, the last that is there (times in µs)."""
+        """Continue a chain behind its last `row` (times in µs)."""
         chain = cls("")
         seq = row["seq"]
         assert isinstance(seq, int)
@@ -78,7 +75,7 @@ class Chain:
 
 
 def breaks(run: str, rows: Iterable[Mapping[str, object]]) -> Iterable[tuple[int, str]]:
-    """The places at which the chain of `rows` (times in µs) does not hold: the event's seq and what is wrong."""
+    """Yield where the chain of `rows` (times in µs) is broken: the event's seq, and what is wrong."""
     previous, seq = first_link(run), 0
     for row in rows:
         found = row["seq"]
@@ -94,39 +91,35 @@ def _whole(value: int | None) -> int | None:
     return None if value is None else int(value)
 
 
-# -- run chain ----------------------------------------------------------------------------------------------------------------
-# Runs vouch for each other: a manifest carries the head of the run before it on the same line.
+# A manifest carries the fingerprint of the run before it on the same line: the SHA-256 of its manifest, which holds those of its
+# files. A folder rewritten as a whole, hashes included, shows only by copies elsewhere: on a printed report, in the next manifest.
 #
-# The head of a run is the SHA-256 of its manifest, which holds those of its files. Nothing inside a folder can show that
-# all of it was written anew, hashes included. What stands elsewhere can: the head on a printed report, and the one that
-# the next manifest carries.
-#
-# *The same line* is the line's name in the same folder of runs (`--out`). *The run before* is the newest sealed one by
-# its folder's name, which begins with its start; runs that are open, or whose manifest cannot be read, are passed over.
+# The same line is the line's name in the same folder of runs (`--out`). The run before is the newest sealed one by its folder's
+# name, which begins with its start; open runs and unreadable manifests are skipped.
 
-SHOWN: Final = 24  # hex digits of the short form, 96 bits: nobody can make a second record that has them
+SHOWN: Final = 24  # hex digits of the short form, 96 bits: too many to make a second record with them
 LEAST: Final = 16  # what reports of the first release show
 HEAD: Final = re.compile(r"(?:[0-9a-fA-F]{4}[ -]?){4,16}")
 
 
 def short_head(sha256: str) -> str:
-    """What people compare: ``3f2a-91bc-77de-0a12-5c08-b6e1``."""
+    """Return the short form that people compare: ``3f2a-91bc-77de-0a12-5c08-b6e1``."""
     return "-".join(sha256[place : place + 4] for place in range(0, SHOWN, 4))
 
 
-def is_head(told: str, sha256: str) -> bool:
-    """Whether `told`, typed off a report in its short or its whole form, is that of this head."""
-    plain = re.sub(r"[\s-]", "", told).lower()
+def is_head(typed: str, sha256: str) -> bool:
+    """Whether `typed`, in short or full form, matches this fingerprint."""
+    plain = re.sub(r"[\s-]", "", typed).lower()
     return len(plain) >= LEAST and sha256.startswith(plain)
 
 
-def digits(told: str) -> int:
-    """How many hex digits somebody typed."""
-    return len(re.sub(r"[\s-]", "", told))
+def digits(typed: str) -> int:
+    """Return the number of hex digits typed."""
+    return len(re.sub(r"[\s-]", "", typed))
 
 
 def previous_run(out: Path, line: str) -> Previous:
-    """What the next run of `line` below `out` has to carry. Raises `RecordError` where the network mount of `out` hangs."""
+    """Return what the next run of `line` below `out` carries. Raises RecordError if the network mount of `out` hangs."""
     expect_answer(out)
     newest_first = sorted(_runs_of(out, line), key=lambda folder: folder.name, reverse=True)
     for folder in newest_first:
@@ -140,17 +133,14 @@ def previous_run(out: Path, line: str) -> Previous:
 
 def _runs_of(out: Path, line: str) -> Iterator[Path]:
     name = re.compile(rf"\d{{8}}T\d{{6}}Z-{re.escape(line)}-[{LETTERS}]{{4}}")
-    with suppress(OSError):  # whether runs can be made there is told by whoever makes one
+    with suppress(OSError):  # creating a run reports whether the folder is usable
         for path in out.iterdir():
             if name.fullmatch(path.name) and path.is_dir() and not path.is_symlink():
                 yield path
 
 
-# -- checked --------------------------------------------------------------------------------------------------------------
-
-
 def broken_links(folder: Path, manifest: Manifest) -> Iterator[str]:
-    """Where this run and its neighbours in the folder of runs do not agree, in words; who is not there cannot be asked."""
+    """Yield disagreements between this run and its neighbours in the folder of runs; missing ones are skipped."""
     folder = folder.absolute()
     yield from _before(folder, manifest)
     yield from _behind(folder, manifest)
@@ -188,7 +178,7 @@ def _carried(carried: Previous) -> str:
 
 
 def _head_of(folder: Path) -> str | None:
-    """The head of a run; None where it is not there."""
+    """Return the fingerprint of a run, None if it is missing."""
     try:
         return manifest_sha256(folder)
     except RecordError:

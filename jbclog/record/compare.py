@@ -1,7 +1,7 @@
-"""Two records of the same happenings held against each other: everything but the moments at which rows were written.
+"""Compares two records of the same session, except for the times of rows, which follow the drifting wall clock.
 
-Times of rows follow the wall clock, which drifts; how late a tick was and how long its scan took do not, and are compared.
-How much was compared is part of what comes out: two records that share nothing do not differ either.
+A tick's lateness and its scan's duration are compared. The result states how much was compared: records without common rows do not
+differ either.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from jbclog.record.schema import SCHEMAS, TABLES
 
 LEFT_OUT: Final = frozenset({"time", "earliest", "seq", "prev_sha256"})
 DERIVED: Final = "alarm.episode."
-"""Kinds of events that follow from samples, which are compared themselves; older records have none."""
-RULES: Final = "alarm_rules"  # which older records have not
-MOST_TOLD: Final = 3  # for one table of one station: what follows the first differences mostly follows from them
+"""Events derived from samples, which are compared themselves; older records have none."""
+RULES: Final = "alarm_rules"  # not in older records
+MOST_SHOWN: Final = 3  # of a table of a station: later differences mostly follow from the first
 
 Value = object
 Rows = list[tuple[Value, ...]]
@@ -28,7 +28,7 @@ Rows = list[tuple[Value, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """One table of one station: its rows in the first record and in the second, and what differs as far as both go."""
+    """One table of one station: the rows of both records, and differences in their common part."""
 
     table: str
     station: str
@@ -38,13 +38,13 @@ class Compared:
 
     @property
     def rows(self) -> int:
-        """How many rows were held against each other."""
+        """Return the number of compared rows."""
         return min(self.first, self.second)
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """All tables of all stations, and what the manifests say otherwise. `is_cut` names the records that lack their ends."""
+    """All tables of all stations, and differences of the manifests. `is_cut`: a record lacks its end."""
 
     tables: Sequence[Compared]
     facts: Sequence[str]
@@ -52,7 +52,7 @@ class Comparison:
 
     @property
     def differences(self) -> list[str]:
-        """What the second record has other than the first, as sentences; where one was cut, as far as both go."""
+        """Return the differences as sentences; if a record lacks its end, those of the common part."""
         found: list[str] = []
         for one in self.tables:
             if one.first != one.second and not self.is_cut:
@@ -62,26 +62,26 @@ class Comparison:
 
     @property
     def rows(self) -> int:
-        """How many rows were held against each other in all."""
+        """Return the number of compared rows of all tables."""
         return sum(one.rows for one in self.tables)
 
     def share(self, table: str) -> tuple[int, int]:
-        """Of how many rows of a table in the first record how many were held against the second: (compared, recorded)."""
+        """Return the compared and the recorded rows of a table in the first record."""
         ones = [one for one in self.tables if one.table == table]
         return sum(one.rows for one in ones), sum(one.first for one in ones)
 
     @property
     def lacking(self) -> list[str]:
-        """The tables of which the second record has less than the first, as sentences."""
+        """Return the tables with fewer rows in the second record, as sentences."""
         short = (one for one in self.tables if one.second < one.first)
         return [f"{one.table}, {one.station}: only {one.second} of {one.first} rows could be compared" for one in short]
 
 
 def compare_records(first: Path, second: Path, *, is_cut: bool = False) -> Comparison:
-    """Hold the sealed run in `second` against the one in `first`.
+    """Compare the sealed run in `second` with the one in `first`. Raises RecordError.
 
-    Where `is_cut`, one of them may lack its end: tables are compared as far as both go, and what their manifests know of the
-    whole is not. Events of the run as a whole are left out: they belong to the recorder and its host. Raises `RecordError`.
+    `is_cut`: one of them may lack its end; then only the common part of the tables is compared, not the manifests. Events of the
+    run as a whole are left out: they concern the recorder and its host.
     """
     tables = [one for table in TABLES for one in _compared(first, second, table)]
     return Comparison(tables, [] if is_cut else list(_differing_facts(first, second)), is_cut)
@@ -95,7 +95,7 @@ def _compared(first: Path, second: Path, table: str) -> Iterator[Compared]:
 
 
 def _by_station(folder: Path, table: str) -> dict[str, Rows]:
-    """The rows of each station in their order."""
+    """Return the rows of each station in order."""
     columns = [name for name in SCHEMAS[table].names if name not in LEFT_OUT]
     place, found = columns.index("station"), dict[str, Rows]()
     kind = columns.index("kind") if "kind" in columns else None
@@ -110,11 +110,11 @@ def _by_station(folder: Path, table: str) -> dict[str, Rows]:
 def _differing(table: str, station: str, ours: Rows, theirs: Rows) -> Iterator[str]:
     columns = [name for name in SCHEMAS[table].names if name not in LEFT_OUT]
     pairs = [(number, *pair) for number, pair in enumerate(zip(ours, theirs, strict=False)) if pair[0] != pair[1]]
-    for number, mine, other in pairs[:MOST_TOLD]:
+    for number, mine, other in pairs[:MOST_SHOWN]:
         named = (f"{name} {b!r} instead of {a!r}" for name, a, b in zip(columns, mine, other, strict=True) if a != b)
         yield f"{table}, {station}, row {number}: {', '.join(named)}"
-    if len(pairs) > MOST_TOLD:
-        yield f"{table}, {station}: {len(pairs) - MOST_TOLD} more rows differ"
+    if len(pairs) > MOST_SHOWN:
+        yield f"{table}, {station}: {len(pairs) - MOST_SHOWN} more rows differ"
 
 
 def _differing_facts(first: Path, second: Path) -> Iterator[str]:

@@ -1,11 +1,10 @@
-"""Finding runs by what was said of them and by what came of them, from their manifests alone.
+"""Finds runs by their metadata and results, from their manifests alone.
 
     for one in find(Path("runs"), Filter(order="88123", since=datetime(2026, 11, 1, tzinfo=UTC))):
-        ...  # a `Found`, or an `Unreadable` of which nobody can say whether it fits
+        ...  # a `Found`, or an `Unreadable` one, which may fit
 
-A text that is sought fits whole and letter by letter; ``*`` in it stands for any characters. Runs come in the order of their
-folders' names, which begin with their start. Serials that were read while a run goes on, or before it crashed, are in its
-manifest once it is sealed (`recover`).
+A text matches as a whole; ``*`` stands for any characters. Runs come in the order of their folders' names, which begin with their
+start. Serials read during a run are in its manifest once it is sealed.
 """
 
 from __future__ import annotations
@@ -31,11 +30,11 @@ from jbclog.record.schema import SCHEMA_VERSION
 
 RUNNING, CRASHED, SEALED = "running", "crashed", "sealed"
 ENDINGS: Final = {"success": "ended", "aborted": "cut short", "failed": "ended with error", "lost": "recovered"}
-"""How a run ended, by the manifest's `exit_status`, in words that say nothing of its verdict."""
+"""How a run ended, by the manifest's `exit_status`; independent of its verdict."""
 STARTED: Final = "%Y%m%dT%H%M%SZ"  # as a folder's name begins
 STARTED_LENGTH: Final = 16
 OVER: Final = b'\n "state": "sealed"'
-ENDED: Final = re.compile(rb'\n "ended": "([0-9T:.+-]+)"')  # of the run itself: what is in it is indented more
+ENDED: Final = re.compile(rb'\n "ended": "([0-9T:.+-]+)"')  # of the run itself: deeper keys are indented more
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +46,7 @@ class _Station:
 
 @dataclass(frozen=True, slots=True)
 class _Summary:
-    """What of a manifest is needed to find its run."""
+    """The part of a manifest that finding needs."""
 
     run: str
     state: str
@@ -104,7 +103,7 @@ class Found:
 
 @dataclass(frozen=True, slots=True)
 class Unreadable:
-    """A run's folder of which nothing can be told, and why."""
+    """A run's folder whose manifest cannot be read, and why."""
 
     folder: Path
     why: str
@@ -112,11 +111,10 @@ class Unreadable:
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """What is sought; None fits all. Times are those of a run's start, `since` included, `until` not, both with a zone.
+    """The conditions; None matches all. `since` and `until` limit a run's start, `until` excluded, both with a zone.
 
-    Of `ended_since` are runs that ended then or later, or did not end; to leave out the others takes the end of a manifest only.
-
-    A recipe is ``NAME`` or ``NAME@REVISION``, a tip its ID, with or without its place.
+    `ended_since`: runs that ended then or later, or not at all; others are skipped by the end of their manifest alone. A recipe is
+    ``NAME`` or ``NAME@REVISION``, a tip its ID, with or without its place.
     """
 
     operator: str | None = None
@@ -137,7 +135,7 @@ class Filter:
     ended_since: datetime | None = None
 
     def fits(self, run: Found) -> bool:
-        """Whether `run` is one of those that are sought."""
+        """Whether `run` matches all conditions."""
         sought: list[tuple[str | None, Iterable[str | None]]] = [
             (self.operator, [run.operator]),
             (self.order, [run.order]),
@@ -158,28 +156,28 @@ class Filter:
         return self._is_within(run.started) and not self._has_ended(run.ended)
 
     def may_have(self, folder: Path) -> bool:
-        """Whether the run in a folder with this name can have begun when it is to have begun."""
+        """Whether the start in the folder's name lies within the limits."""
         began = folder.name[:STARTED_LENGTH]
         is_early = self.since is not None and began < self.since.strftime(STARTED)
         is_late = self.until is not None and began > self.until.strftime(STARTED)
         return not (is_early or is_late) or not RUN_NAME.fullmatch(folder.name)
 
     def may_be_in(self, data: bytes, *, has_annotations: bool = False) -> bool:
-        """Whether the bytes of a manifest, as they were written, can be those of a run that fits: all texts stand in them."""
+        """Whether the bytes of a manifest contain all texts, so that the run may match."""
         sought = [self.operator, self.order, self.product, self.wire_lot, self.flux_lot, self.line, self.station]
         sought += [None if has_annotations else self.unit, self.verdict and self.verdict.upper()]
         texts = (text for text in (*sought, *self.tags.values()) if text and "*" not in text)
         return all(json.dumps(text, ensure_ascii=False).encode() in data for text in texts)
 
     def had_ended(self, data: bytes) -> bool:
-        """Whether the bytes of a manifest are those of a run that was over before `ended_since`."""
+        """Whether the bytes of a manifest show an end before `ended_since`."""
         if self.ended_since is None or OVER not in data:
             return False
         found = ENDED.search(data)
         return found is not None and self._has_ended(found[1].decode())
 
     def _has_ended(self, ended: str | None) -> bool:
-        """Raises ValueError for what is no time."""
+        """Raise ValueError for text that is no time."""
         return self.ended_since is not None and ended is not None and datetime.fromisoformat(ended) < self.ended_since
 
     def _is_within(self, started: str | None) -> bool:
@@ -193,12 +191,12 @@ ALL: Final = Filter()
 
 
 def ending(exit_status: str | None, state: str) -> str:
-    """How a run ended, for people; its state where the manifest does not say."""
+    """Return how a run ended, or its state if the manifest does not say."""
     return state if exit_status is None else ENDINGS.get(exit_status, exit_status)
 
 
 def find(folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
-    """The runs directly below `folder`, or the one that it is, that fit. Raises `RecordError` where it cannot be read."""
+    """Yield the matching runs directly below `folder`, or `folder` itself if it is one. Raises RecordError if it cannot be read."""
     for path in _runs_in(folder):
         if wanted.may_have(path):
             run = summary_of(path, wanted)
@@ -207,7 +205,7 @@ def find(folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
 
 
 def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
-    """What the manifest in a run's folder says of it; None where its bytes show that it is none that is wanted."""
+    """Read a run's manifest; None if its bytes show that it does not match."""
     path = folder / NAME
     try:
         data = read_foreign(path, Kind.MANIFEST)
@@ -270,7 +268,7 @@ def _runs_in(folder: Path) -> list[Path]:
 
 
 def _is_run(path: Path) -> bool:
-    """By its name, or by what is in it where somebody gave it another one."""
+    """Whether it is a run's folder, by its name or, if renamed, by its content."""
     return bool(RUN_NAME.fullmatch(path.name)) or (path / NAME).exists()
 
 

@@ -1,4 +1,4 @@
-"""A run's folder: made once; the recipes in it, and what they say of joints."""
+"""Creates a run's folder, and reads the recipe copies in it."""
 
 from __future__ import annotations
 
@@ -16,19 +16,16 @@ from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, NotReadable, expect_answer, read_foreign
 from jbclog.core.rows import StationFacts
 
-# -- recipe copies ------------------------------------------------------------------------------------------------------------
-# The copies of its recipes in a run's folder. A link in the place of their folder is not followed.
-
 FOLDER: Final = "recipes"
 
 
 def recipe_copy(folder: Path, file: str) -> Path:
-    """The copy of the recipe that was `file`. Raises `NotReadable` where their folder is not one."""
+    """Return the path of the copy of recipe `file`. Raises NotReadable if their folder is a link."""
     return _copies(folder) / Path(file).name
 
 
 def recipe_texts(folder: Path) -> list[bytes]:
-    """The bytes of each copy. Raises OSError where one cannot be read."""
+    """Return the bytes of each recipe copy. Raises OSError."""
     return [read_foreign(path, Kind.SETTINGS) for path in sorted(_copies(folder).glob("*.toml"))]
 
 
@@ -39,12 +36,8 @@ def _copies(folder: Path) -> Path:
     return copies
 
 
-# -- joint settings -----------------------------------------------------------------------------------------------------------
-# What the copies of a run's recipes say of joints: their `[joints]` tables, as they were checked when the run began.
-
-
 def joints_asked(folder: Path, facts: StationFacts) -> Mapping[str, object]:
-    """The keys of a station's `[joints]`; none where its recipe has none or cannot be read."""
+    """Return the table `[joints]` of a station's recipe, checked when the run began; empty if it is missing or unreadable."""
     if facts.recipe is None:
         return {}
     try:
@@ -55,8 +48,6 @@ def joints_asked(folder: Path, facts: StationFacts) -> Mapping[str, object]:
     return table if isinstance(table, dict) else {}
 
 
-# -- folder -------------------------------------------------------------------------------------------------------------------
-
 LETTERS: Final = "abcdefghijklmnopqrstuvwxyz23456789"
 LINE_NAME: Final = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._-]{0,63}")
 RUN_NAME: Final = re.compile(rf"\d{{8}}T\d{{6}}Z-{LINE_NAME.pattern}-[{LETTERS}]{{4}}")
@@ -64,10 +55,9 @@ TRIES = 20
 
 
 def create_run(out: Path, line_name: str, utc_s: float) -> Path:
-    """Make the folder of a new run below `out` and prove that files in it last; give its path.
+    """Create the folder of a new run below `out`, check that files in it last, and return its path. Raises RecordError.
 
-    `utc_s` is the run's start in seconds since 1970 UTC. Nothing of any station has been touched when this fails.
-    Raises `RecordError`.
+    `utc_s`: the run's start in seconds since 1970 UTC.
     """
     if not LINE_NAME.fullmatch(line_name):
         raise RecordError(f"{line_name!r} cannot be part of a folder's name")
@@ -87,7 +77,7 @@ def _make(out: Path, beginning: str) -> Path:
     for _ in range(TRIES):
         folder = out / f"{beginning}-{''.join(secrets.choice(LETTERS) for _ in range(4))}"
         try:
-            folder.mkdir()  # fails where it is there already: two runs never share a folder
+            folder.mkdir()  # fails if it exists: two runs never share a folder
         except FileExistsError:
             continue
         return folder
@@ -95,7 +85,7 @@ def _make(out: Path, beginning: str) -> Path:
 
 
 def _prove(folder: Path) -> None:
-    """Write, sync, rename and remove a file, as sealing will."""
+    """Write, sync, rename and remove a file, as sealing does."""
     probe = folder / "probe"
     try:
         write_whole(probe, b"\0" * 4096)
@@ -106,7 +96,7 @@ def _prove(folder: Path) -> None:
 
 
 def keep_text(folder: Path, name: str, text: str) -> None:
-    """Keep `text`, exactly, as the file `name` of the run: the line file, a recipe. Raises `RecordError`."""
+    """Store `text` unchanged as the run's file `name`, for example the line file. Raises RecordError."""
     path = folder / name
     try:
         path.parent.mkdir(exist_ok=True)
@@ -116,7 +106,7 @@ def keep_text(folder: Path, name: str, text: str) -> None:
 
 
 def expect_no_links(folder: Path) -> None:
-    """Raise `RecordError` where the folder holds a link: no recorder makes one, and what is written through it lands elsewhere."""
+    """Raise RecordError if the folder contains a link: no recorder makes one, and writing through it would change other files."""
     for path in sorted(folder.rglob("*")):
         if path.is_symlink():
             raise RecordError(f"{path} is a link; a run's folder holds none. Nothing was changed")

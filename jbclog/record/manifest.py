@@ -1,4 +1,4 @@
-"""The manifest: who, what, when, and what came of it. `manifest.json`, whole or not there, never changed once sealed."""
+"""The manifest of a run, `manifest.json`: who, what, when, and the result. It never changes once sealed."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ OF_0_1: Final = frozenset(
         ),
     }
 )
-"""The keys of manifests before there was a digest."""
+"""The keys of manifests without a digest."""
 
 
 class NoManifest(RecordError):
-    """The file is there, and is not what the recorder wrote."""
+    """The file exists and is no manifest of a recorder."""
 
 
 SignalLedger = dict[str, int]
@@ -77,9 +77,9 @@ class RecipeFile:
 
 @dataclass(frozen=True, slots=True)
 class Metadata:
-    """What people said of the run when they started it.
+    """What people stated when they started the run.
 
-    A tip is ``ID``, ``STATION=ID`` or ``STATION:PORT=ID``: of every tool, of a station's, of one.
+    A tip is ``ID``, ``STATION=ID`` or ``STATION:PORT=ID``: for all tools, for those of a station, for one.
     """
 
     operator: str | None = None
@@ -92,15 +92,15 @@ class Metadata:
     tips: list[str] = field(default_factory=list)
 
     def said(self) -> dict[str, str]:
-        """Everything that was said, by its name, tags behind the rest; several of one kind behind each other."""
+        """Return all entries by name, tags last, several of a kind joined."""
         plain = {"operator": self.operator, "order": self.order, "product": self.product}
         several = {"units": self.units, "wire lots": self.wire_lots, "flux lots": self.flux_lots, "tips": self.tips}
-        told = plain | {name: ", ".join(texts) for name, texts in several.items()}
-        tags = {f"tag {name}" if name in told else name: text for name, text in self.tags.items()}
-        return {name: text for name, text in told.items() if text} | tags
+        shown = plain | {name: ", ".join(texts) for name, texts in several.items()}
+        tags = {f"tag {name}" if name in shown else name: text for name, text in self.tags.items()}
+        return {name: text for name, text in shown.items() if text} | tags
 
     def tip(self, station: str, port: int) -> str | None:
-        """Which tip was said to be in a port: that of the port, of its station, of the run. None: nobody said so, or not one."""
+        """Return the stated tip of a port: the port's, else its station's, else the run's. None if not stated, or ambiguous."""
         of: dict[str, set[str]] = {}
         for text in self.tips:
             place, equals, name = text.partition("=")
@@ -111,7 +111,7 @@ class Metadata:
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit that was on the bench while the run went on; times as in the manifest, `end` None where no event tells it."""
+    """A unit worked on during the run; times as in the manifest, `end` None if no event gives it."""
 
     serial: str
     begin: str
@@ -120,7 +120,7 @@ class Unit:
 
 @dataclass(frozen=True, slots=True)
 class Lost:
-    """What a crash, a disk or damage took: seconds of every station at the most (None: not known), in a sentence."""
+    """What a crash, a disk or damage took: at most so many seconds of each station (None: not known), and a sentence."""
 
     seconds_at_most: float | None
     text: str
@@ -128,7 +128,7 @@ class Lost:
 
 @dataclass(frozen=True, slots=True)
 class SealedFile:
-    """A file of the run: its path in the folder, its rows (None: it has none), its size, its hash."""
+    """A file of the run: its path in the folder, its rows (None if it has none), its size, its hash."""
 
     path: str
     rows: int | None
@@ -138,7 +138,7 @@ class SealedFile:
 
 @dataclass(frozen=True, slots=True)
 class Previous:
-    """The run before this one on the same line, and its head; where there is none, or it is not known, the text says why."""
+    """The run before this one on the same line, and its fingerprint; without one the text states why."""
 
     run: str | None
     sha256: str | None
@@ -149,16 +149,14 @@ class Previous:
 class Manifest:
     """`state` is ``open`` or ``sealed``; `exit_status` ``success``, ``aborted``, ``failed``, ``lost`` or not yet known.
 
-    Times are ISO 8601 in UTC; `t0_mono` is the moment of tick 0 on the recorder's monotonic clock in seconds, `t0_utc`
-    the same moment in seconds since 1970 UTC. `rate` is in Hz or ``max``. `wire` is None where what passed over the wires
-    was not kept, ``whole`` where it was, or says what of it is missing. `previous` is None where the recorder had not come
-    to looking for it. `units` are those whose serials were read while the run went on, as its events have them; those that
-    were named when it was started are in `metadata`. `verifications` are the tip verifications that its ports stood on when it
-    began; empty in records of before they were cited. `goals` are the numbers that it was to end with, and what came of them;
-    empty where none was wanted. `rules` is the version of the rules and methods that it is judged by
-    (`analysis/verdict/versions.py`); records of before there was a second have none, and are of 1.
+    Times are ISO 8601 in UTC. `t0_mono`: tick 0 on the recorder's monotonic clock in seconds; `t0_utc`: the same moment in seconds
+    since 1970 UTC. `rate`: in Hz, or ``max``. `wire`: None without serial captures, ``whole`` with complete ones, else what is
+    missing. `previous`: None if the recorder did not get as far as searching for it. `units`: those whose serials were read during
+    the run; units named at its start are in `metadata`. `verifications`: the tip verifications in force when the run began.
+    `goals`: the numbers after which it was to end, and their results. `rules`: version of the rules and methods of its verdict
+    (`analysis/verdict/versions.py`); older records have none, which is 1.
 
-    In the file a last key follows, `digest`: the SHA-256 of the file without it.
+    The file has a last key `digest`: the SHA-256 of the file without it.
     """
 
     run: str
@@ -190,22 +188,22 @@ class Manifest:
     goals: list[Goal] = field(default_factory=list)
 
     def serials(self) -> list[str]:
-        """Every unit that is known of, each once: those named at the start, then those read while the run went on."""
+        """Return all known units, each once: those named at the start, then those read during the run."""
         return list(dict.fromkeys([*self.metadata.units, *(unit.serial for unit in self.units)]))
 
     def station(self, name: str) -> StationFacts | None:
-        """What is known of the station called `name`."""
+        """Return the facts of the station `name`."""
         return next((facts for facts in self.stations if facts.name == name), None)
 
 
 def iso(micros: int) -> str:
-    """UTC microseconds since 1970 as they stand in the manifest: ``2026-11-21T01:30:00.000000Z``."""
+    """Format UTC microseconds since 1970 as in the manifest: ``2026-11-21T01:30:00.000000Z``."""
     moment = datetime.fromtimestamp(micros // 1_000_000, UTC).replace(microsecond=micros % 1_000_000)
     return moment.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """The manifest of the run in `folder`. Raises `RecordError`: none there, not one, or of a newer jbclog."""
+    """Read the manifest of a run. Raises RecordError if it is missing, no manifest, or of a newer jbclog."""
     path = folder / NAME
     try:
         data = read_json(path, Kind.MANIFEST, in_utf8=True)
@@ -228,7 +226,7 @@ def read_manifest(folder: Path) -> Manifest:
 
 
 def _expect_time(text: str | None) -> None:
-    """Raises ValueError where it is none, or has no zone."""
+    """Raise ValueError for text that is no time, or has no zone."""
     if text is None:
         return
     moment = datetime.fromisoformat(text)
@@ -238,7 +236,7 @@ def _expect_time(text: str | None) -> None:
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
-    """Write it; whoever looks finds the old one or the new one. Raises `RecordError`."""
+    """Write it atomically. Raises RecordError."""
     try:
         write_whole(folder / NAME, manifest_text(manifest).encode())
     except OSError as error:
@@ -246,13 +244,13 @@ def write_manifest(folder: Path, manifest: Manifest) -> None:
 
 
 def manifest_text(manifest: Manifest) -> str:
-    """As it stands in the file, with its digest; what UTF-8 cannot write (a folder's name in another code) is a question mark."""
+    """Format a manifest with its digest; what UTF-8 cannot encode (a folder's name in another encoding) becomes a question mark."""
     plain = json.dumps(asdict(manifest), indent=1, ensure_ascii=False, allow_nan=False).encode(errors="replace").decode() + "\n"
     return plain.removesuffix(END.decode()) + DIGEST % hashlib.sha256(plain.encode()).hexdigest()
 
 
 def manifest_sha256(folder: Path) -> str:
-    """The head of a run: the hash that annotations, reports and other runs name it by. Raises `RecordError`."""
+    """Return the fingerprint of a run, by which annotations, reports and other runs cite it. Raises RecordError."""
     try:
         return hashlib.sha256(read_foreign(folder / NAME, Kind.MANIFEST)).hexdigest()
     except OSError as error:
@@ -260,9 +258,9 @@ def manifest_sha256(folder: Path) -> str:
 
 
 def wrong_digest(folder: Path) -> str | None:
-    """What is wrong with the manifest's own digest, None where all is well. Raises OSError.
+    """Return what is wrong with the manifest's own digest, None if it is right. Raises OSError.
 
-    It shows a change that was not meant to deceive: whoever changes the manifest can also change the digest.
+    It shows accidental changes: who changes the manifest on purpose can also change the digest.
     """
     return why_changed(read_foreign(folder / NAME, Kind.MANIFEST))
 
@@ -273,11 +271,11 @@ def has_digest(folder: Path) -> bool:
 
 
 def why_changed(data: bytes) -> str | None:
-    """The same of a manifest that was read already."""
+    """Return what is wrong with the digest of a manifest's bytes."""
     found = _DIGEST.search(data)
     if found is None:
-        told = json_of(data)
-        is_old = isinstance(told, dict) and told.keys() <= OF_0_1
+        plain = json_of(data)
+        is_old = isinstance(plain, dict) and plain.keys() <= OF_0_1
         return None if is_old else "has lost its digest: it was changed"
-    plain = data[: found.start()] + END
-    return None if hashlib.sha256(plain).hexdigest().encode() == found[1] else "was changed: its digest is another"
+    without = data[: found.start()] + END
+    return None if hashlib.sha256(without).hexdigest().encode() == found[1] else "was changed: its digest is another"

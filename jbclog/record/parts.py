@@ -1,11 +1,10 @@
-"""Parquet parts of a run's tables, and a note of what could not be kept or read.
+"""Parquet parts of a run's tables, and notes of damage.
 
-A part is written aside, synced, read back and compared with what it was made from, and only then renamed to its place.
-In its metadata stands the number of the last batch that it holds (`jbclog.through`), so that whoever finds both a part
-and the live store knows which rows are in both.
+A part is written aside, synced, read back, compared with its source, and only then renamed to its place. Its metadata holds the
+number of its last batch (`jbclog.through`): with both a part and the live store, that separates their rows.
 
-Encodings (measured on an hour of 32 stations, zstd 3: 5.4 bytes a row, 10 with Arrow's defaults): times and ticks as
-differences, noisy whole numbers with their bytes split, everything else by dictionary.
+Encodings (an hour of 32 stations, zstd 3: 5.4 bytes a row, 10 with Arrow's defaults): times and ticks as differences, noisy whole
+numbers with split bytes, the rest by dictionary.
 """
 
 from __future__ import annotations
@@ -28,11 +27,8 @@ from jbclog.core.foreign.json_reader import build, json_of
 from jbclog.core.foreign.tables import ParquetTable, metadata_of, open_table
 from jbclog.record.schema import SCHEMAS, TABLES
 
-# -- damage -------------------------------------------------------------------------------------------------------------------
-# What could not be kept or read, noted where the manifest will find it: nothing is lost silently.
-#
-# Notes are lines of JSON in `damage.jsonl`, written before anything goes on; files that can still be looked at are set
-# aside in `damaged/`.
+# Damage is noted as JSON lines in `damage.jsonl` before the work continues, and the manifest includes the notes. Damaged files are
+# set aside in `damaged/`.
 
 DAMAGE_NOTES: Final = "damage.jsonl"
 REMAINS: Final = "damaged"
@@ -40,10 +36,7 @@ REMAINS: Final = "damaged"
 
 @dataclass(frozen=True, slots=True)
 class Damage:
-    """One thing that is gone: where it stood, how many rows it held (None: not known), why.
-
-    `seconds` is how much of the run's end it is at the most, where that is known.
-    """
+    """A loss: where, how many rows (None: not known), why, and at most how many `seconds` of the run's end, if known."""
 
     place: str
     rows: int | None
@@ -55,7 +48,7 @@ class Damage:
 
 
 def note_damage(folder: Path, found: Iterable[Damage]) -> None:
-    """Add to the notes, once each. Raises OSError."""
+    """Add damage to the notes, each once. Raises OSError."""
     known = read_damage(folder)
     new = [damage for damage in dict.fromkeys(found) if damage not in known]
     if new:
@@ -63,7 +56,7 @@ def note_damage(folder: Path, found: Iterable[Damage]) -> None:
 
 
 def read_damage(folder: Path) -> list[Damage]:
-    """The notes; none where nothing was ever damaged."""
+    """Return the notes of damage."""
     try:
         lines = read_foreign(folder / DAMAGE_NOTES, Kind.DAMAGE).decode(errors="replace").split("\n")
     except FileNotFoundError:
@@ -72,7 +65,7 @@ def read_damage(folder: Path) -> list[Damage]:
 
 
 def _damage(line: str) -> Damage:
-    """A note; one that cannot be read is damage itself."""
+    """Parse a note; an unreadable one is damage itself."""
     try:
         return build(Damage, json_of(line))
     except ValueError:
@@ -80,7 +73,7 @@ def _damage(line: str) -> Damage:
 
 
 def set_aside(folder: Path, path: Path) -> None:
-    """Keep a damaged file, out of the way, for whoever wants to look at it. Raises OSError."""
+    """Move a damaged file aside for inspection. Raises OSError."""
     home = folder / REMAINS
     home.mkdir(exist_ok=True)
     path.replace(home / path.relative_to(folder).as_posix().replace("/", "-"))
@@ -130,7 +123,7 @@ def part_through(path: Path) -> int:
 
 
 def write_part(folder: Path, table: str, groups: Groups, last: int) -> Path:
-    """Write the next part of `table`; it holds what the batches up to `last` brought. Raises OSError, `RecordError`."""
+    """Write the next part of `table`, with the batches up to `last`. Raises OSError, RecordError."""
     home = folder / table
     home.mkdir(exist_ok=True)
     parts = part_paths(folder, table)
@@ -149,7 +142,7 @@ def write_part(folder: Path, table: str, groups: Groups, last: int) -> Path:
 
 
 def complete(folder: Path) -> None:
-    """Give every table that has no part an empty one, so that it can be read like the others."""
+    """Write an empty part for every table without one, so that all tables are readable."""
     for table in TABLES:
         if not part_paths(folder, table):
             write_part(folder, table, lambda: (), 0)
@@ -178,7 +171,7 @@ def _write(path: Path, table: str, groups: Groups, last: int) -> None:
 
 
 def _compare(path: Path, groups: Groups) -> None:
-    """Raise `RecordError` unless the file holds exactly what `groups` gives."""
+    """Raise RecordError unless the file equals `groups`."""
     with pq.ParquetFile(path, page_checksum_verification=True) as file:
         written = 0
         for group in groups():
@@ -190,7 +183,7 @@ def _compare(path: Path, groups: Groups) -> None:
 
 
 def regroup(tables: Iterable[pa.Table], rows: int = ROWS_A_GROUP) -> Iterator[pa.Table]:
-    """Small tables put together until each group has `rows` rows or somewhat more."""
+    """Yield small tables joined to groups of at least `rows` rows."""
     held: list[pa.Table] = []
     count = 0
     for table in tables:
@@ -204,12 +197,12 @@ def regroup(tables: Iterable[pa.Table], rows: int = ROWS_A_GROUP) -> Iterator[pa
 
 
 def row_groups(folder: Path, table: str, columns: list[str] | None = None) -> Iterator[pa.Table]:
-    """The sealed rows of a table, a row group at a time."""
+    """Yield the sealed rows of a table by row groups."""
     return groups_of(part_paths(folder, table), columns)
 
 
 def groups_of(parts: Iterable[Path], columns: list[str] | None = None) -> Iterator[pa.Table]:
-    """The rows of these parts, a row group at a time."""
+    """Yield the rows of these parts by row groups."""
     for path in parts:
         with _opened(path) as file:
             for index in range(file.num_row_groups):
@@ -221,7 +214,7 @@ def groups_of(parts: Iterable[Path], columns: list[str] | None = None) -> Iterat
 
 @contextmanager
 def _opened(path: Path) -> Iterator[ParquetTable]:
-    """A part, its pages' check sums looked at; its footer, which has none, by what it must say. Raises `RecordError`."""
+    """Open a part; pages are checked by checksums, the footer by its required content. Raises RecordError."""
     with ExitStack() as opened:
         try:
             file = opened.enter_context(open_table(path))
@@ -233,14 +226,14 @@ def _opened(path: Path) -> Iterator[ParquetTable]:
 
 
 def remove_leavings(folder: Path) -> None:
-    """Remove what a crash left half written in the tables' folders."""
+    """Remove half-written files of a crash from the tables' folders."""
     for table in TABLES:
         for path in (folder / table).glob(f"{PREPARING}part-*.parquet"):
             path.unlink()
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what a crash left aside: small files (`durable`), the guard's lease, the first that any run writes (`folder`)."""
+    """Remove temporary files of a crash: those of small files, of the guard's lease, and of the folder's check."""
     for path in [*folder.glob(".*.tmp"), *folder.glob("recipes/.*.tmp"), folder / PROBE, folder / HALF_A_LEASE]:
         path.unlink(missing_ok=True)
 

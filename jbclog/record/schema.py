@@ -1,7 +1,7 @@
-"""The four tables of a run, once: columns, types, units, the commands that they come from.
+"""The four tables of a run: columns, types, units, and their commands.
 
-Times are UTC microseconds; whole numbers are int64 (narrow ones overflow in squares and sums and cost the same on
-disk); a column that may be null is one that may not have been due or not have been answered.
+Times are UTC microseconds; whole numbers are int64 (narrow ones overflow in squares and sums and take the same space on disk). A
+nullable value was not due, or not answered.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ FLAG: Final = pa.bool_()
 TEXT: Final = pa.utf8()
 
 Column = tuple[str, pa.DataType, str, str]
-"""Name, type, unit, command(s) of the manuals; a name that ends in ``!`` is never null."""
+"""Name (never null with a final ``!``), type, unit, command(s) of the manuals."""
 
 SAMPLES: Final[Sequence[Column]] = (
     ("time!", TIME, "UTC", ""),
@@ -104,7 +104,7 @@ def _field(column: Column) -> pa.Field:
 
 
 def _pandas_hint(fields: Sequence[pa.Field]) -> str:
-    """What pandas reads to give Int64 and boolean, which know missing values, instead of float and object."""
+    """Return the metadata by which pandas uses Int64 and boolean, which have missing values, instead of float and object."""
     columns = [
         {
             "name": field.name,

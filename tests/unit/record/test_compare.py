@@ -11,7 +11,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 
-from jbclog.record.compare import MOST_TOLD, compare_records
+from jbclog.record.compare import MOST_SHOWN, compare_records
 from jbclog.record.manifest import read_manifest, write_manifest
 from jbclog.record.parts import part_paths
 from support.records.small_run import make_run
@@ -74,7 +74,7 @@ def test_rows_that_are_missing(pair: tuple[Path, Path]) -> None:
 def test_a_table_that_differs_everywhere_is_said_briefly(pair: tuple[Path, Path]) -> None:
     rewrite(pair[1], "samples", lambda rows: rows.set_column(rows.schema.get_field_index("late_us"), "late_us", [[1] * len(rows)]))
     found = [text for text in compare_records(*pair).differences if "dde-1" in text]
-    assert len(found) == MOST_TOLD + 1
+    assert len(found) == MOST_SHOWN + 1
     assert "more rows differ" in found[-1]
 
 
