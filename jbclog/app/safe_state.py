@@ -28,6 +28,7 @@ from jbclog.core.errors import JbclogError, RecordError, unexpected_error_text
 from jbclog.core.locks import is_held
 from jbclog.guard import open_leases
 from jbclog.guard.lease import StationLease
+from jbclog.protocol.commands.robot import FeederState
 from jbclog.record.guard_actions import await_guard
 from jbclog.record.port_owner import holds, recorder_of, runs_that_hold
 from jbclog.session.manual.contact import Target
@@ -109,7 +110,7 @@ def _seen(stations: Collection[StationMadeSafe], lease: StationLease) -> open_le
     if made is None or made.problem is not None:
         return None
     states: dict[int, str | None] = {tool.port: tool.state for tool in made.tools if tool.is_safe}
-    return open_leases.Seen(made.model, states | dict.fromkeys(made.empty), made.feeder != "running")
+    return open_leases.Seen(made.model, states | dict.fromkeys(made.empty), made.feeder != FeederState.RUNNING)
 
 
 # -- until all are cold -------------------------------------------------------------------------------------------------------

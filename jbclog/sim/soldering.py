@@ -13,6 +13,7 @@ from jbclog.config.sim_spec import FaultSpec
 from jbclog.core.quantities import OFF, AlarmDelay, Value
 from jbclog.protocol.commands.command import Command, Scope
 from jbclog.protocol.commands.family import FAMILIES, Family
+from jbclog.protocol.commands.robot import FeederState
 from jbclog.protocol.commands.status import EXTRACTOR, STAND, WORKING
 from jbclog.sim.plant import Plant
 from jbclog.sim.port import SimPort
@@ -124,7 +125,7 @@ def _station_value(name: str, plant: Plant, identity: Identity, now: float) -> V
         case "fuse":
             return "present"
         case "feeding":
-            return "running" if plant.feeder.motor(now) else "stopped"
+            return FeederState.RUNNING if plant.feeder.motor(now) else FeederState.STOPPED
         case "maximum_temperature" | "minimum_temperature":
             return setting(plant.settings, name)
     return setting(plant.feeder.settings, name)

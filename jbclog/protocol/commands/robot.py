@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from types import MappingProxyType
 
 from jbclog.core.quantities import (
@@ -357,6 +358,12 @@ COMMUNICATION_ERRORS = {
 
 # The solder feeder of ALE, and the dispensing counters (manual 002). No manual prints their ranges.
 
+
+class FeederState(StrEnum):
+    STOPPED = "stopped"
+    RUNNING = "running"
+
+
 MODES = Choice(("continuous", "discontinuous", "program", "reload"))
 SWITCH = Choice(("off", "on"))
 
@@ -379,7 +386,7 @@ FEEDER = (
     _feeder("feeder_diameter", "DIA", Scaled("mm", 100), "002 R-DIA, W-DIA", note="the wire carries cmm"),
     _feeder("feeder_backward", "BCK", Scaled("mm", 10), "002 R-BCK, W-BCK", note="the wire carries dmm"),
     _feeder("clog_detection", "WCD", SWITCH, "002 R-WCD, W-WCD", note="whether detection is on, not a clog"),
-    _feeder("feeding", "FEE", Choice(("stopped", "running")), "002 R-FEE", "r"),
+    _feeder("feeding", "FEE", Choice(tuple(one.value for one in FeederState)), "002 R-FEE", "r"),
     _motor("start_feeding", "STR", "002 W-STR", Effect.MOVES),
     _motor("stop_feeding", "STP", "002 W-STP", Effect.STOPS),
 )

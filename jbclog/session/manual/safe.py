@@ -21,6 +21,7 @@ from jbclog.protocol.client.make import client_for
 from jbclog.protocol.commands.command import TOOLS_WITH_A_PLACE
 from jbclog.protocol.commands.family import Family, family_of
 from jbclog.protocol.commands.ranges import NO_COUNTDOWN
+from jbclog.protocol.commands.robot import FeederState
 from jbclog.session.manual.contact import NO_TOOL, PORTS, Contact, Place, Target, expect_borne_out, find_tool, open_contact
 from jbclog.session.manual.read import believed
 from jbclog.session.safety.secure import secure
@@ -179,7 +180,7 @@ class StationMadeSafe:
 
     @property
     def is_safe(self) -> bool:
-        return self.problem is None and self.feeder != "running" and all(tool.is_safe for tool in self.tools)
+        return self.problem is None and self.feeder != FeederState.RUNNING and all(tool.is_safe for tool in self.tools)
 
 
 def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
@@ -211,7 +212,7 @@ def make_safe(target: Target, made: StationMadeSafe) -> Steps[None]:
     )
     yield from secure(task)
     if family.has_feeder:
-        made.feeder = "running" if task.feeds else "stopped"
+        made.feeder = FeederState.RUNNING if task.feeds else FeederState.STOPPED
     for tool, one in zip(task.tools, made.tools, strict=True):
         yield from _report(contact, task, tool, one, tools[tool.port])
 
@@ -232,7 +233,7 @@ def _order_over_flood(target: Target, family: Family, made: StationMadeSafe, flo
     yield from secure(task)
     made.family, made.note = family.name, str(flood)
     if family.has_feeder:
-        made.feeder = "running" if task.feeds else "stopped"
+        made.feeder = FeederState.RUNNING if task.feeds else FeederState.STOPPED
     for tool in tools:
         one = MadeSafe(tool.port, None, ordered=None if tool.ordered is None else family.status.state(tool.ordered))
         if tool.is_safe and tool.status is not None:

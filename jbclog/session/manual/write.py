@@ -20,6 +20,7 @@ from jbclog.protocol.client.robot import BADLY_FORMED, Station
 from jbclog.protocol.commands.command import Command, Effect, Scope
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.omega import ConditionNumber, StoredRecord
+from jbclog.protocol.commands.robot import FeederState
 from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.manual.contact import (
     WHOLE_STATION,
@@ -49,8 +50,8 @@ class WriteOutcome(StrEnum):
 
 
 FINE: Final = (WriteOutcome.CONFIRMED, WriteOutcome.UNCHANGED, WriteOutcome.SENT)
-FEEDING, RUNNING, STOPPED = "feeding", "running", "stopped"
-SHOWN_BY: Final[Mapping[str, str]] = MappingProxyType({"start_feeding": RUNNING, "stop_feeding": STOPPED})
+FEEDING: Final = "feeding"
+SHOWN_BY: Final[Mapping[str, str]] = MappingProxyType({"start_feeding": FeederState.RUNNING, "stop_feeding": FeederState.STOPPED})
 """Orders without a value, and the state of `FEEDING` that shows them."""
 
 Mirror = tuple[Command, Place]
@@ -301,7 +302,7 @@ def _send_and_look(contact: Contact, command: Command, written: WriteResult) -> 
     lost = yield from _lost(contact, command, 0, written)
     expected = SHOWN_BY[command.name]
     found = written.readback = yield from contact.read_confirmed(contact.family.commands[FEEDING], WHOLE_STATION, known=expected)
-    written.at_work = found != STOPPED
+    written.at_work = found != FeederState.STOPPED
     if found == expected:
         written.outcome = WriteOutcome.CONFIRMED
     elif lost is not None:

@@ -15,6 +15,7 @@ from jbclog.protocol.commands.command import Command
 from jbclog.protocol.commands.family import Family
 from jbclog.protocol.commands.omega import OMEGA_SIGNALS, TRUE_ANSWERS, WITHOUT_DIGIT
 from jbclog.protocol.commands.ranges import NO_COUNTDOWN, STILL_C, TEMPERATURES, Possible, is_share, plausibility_check
+from jbclog.protocol.commands.robot import FeederState
 from jbclog.protocol.commands.signals import STATUS_COLUMNS
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.scheduler import ScheduledRead
@@ -53,7 +54,7 @@ def _alarm_flags(row: SampleRow, word: Value) -> None:
 
 
 def _feeding(row: SampleRow, mode: Value) -> None:
-    row[_FEEDING] = mode == "running"
+    row[_FEEDING] = mode == FeederState.RUNNING
 
 
 def _flags(*columns: str) -> Fill:

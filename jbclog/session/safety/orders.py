@@ -15,10 +15,10 @@ from jbclog.core.quantities import Value
 from jbclog.core.states import SafetyResult
 from jbclog.protocol.client.confirmed_reads import read_confirmed
 from jbclog.protocol.client.interface import expect_quiet
+from jbclog.protocol.commands.robot import FeederState
 from jbclog.protocol.commands.status import StatusWord
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
-STOPPED = "stopped"  # the feeder's answer after a stop
 ORDER_PER_LOOK = 1.5  # duration of an order and two answers, relative to two answers
 UNHURRIED_S = 1.5  # remaining time needed to wait for an acknowledgement in full
 REOPEN_EVERY_S = 0.25
@@ -101,7 +101,7 @@ def stop_feeder(task: SafetyTask) -> Steps[bool]:
     except (LinkError, StationError) as error:
         yield from _reach_again(task, error)
         return False
-    return feeding == STOPPED
+    return feeding == FeederState.STOPPED
 
 
 def look_at_feeder(task: SafetyTask) -> Steps[None]:
@@ -110,7 +110,7 @@ def look_at_feeder(task: SafetyTask) -> Steps[None]:
     if not (yield from is_reachable(task)):
         return
     try:
-        task.feeds = (yield from read_confirmed(task.client, task.family.commands["feeding"])) != STOPPED
+        task.feeds = (yield from read_confirmed(task.client, task.family.commands["feeding"])) != FeederState.STOPPED
     except (LinkError, StationError) as error:
         yield from _reach_again(task, error)
     if task.feeds:
