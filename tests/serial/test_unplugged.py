@@ -108,7 +108,7 @@ def test_a_line_that_takes_nothing_more_is_lost_and_does_not_block() -> None:
     with terminal() as far:
         port = open_port(far.url, LINE)
         began = time.monotonic()
-        with pytest.raises(LinkError, match="stuck: it took"):
+        with pytest.raises(LinkError, match="write buffer full"):
             _write_on(port)  # nobody reads at the far end
         assert time.monotonic() - began < 30
         port.close()
@@ -132,7 +132,7 @@ def test_a_server_that_shuts_its_half_down_is_gone() -> None:
         far.client.sendall(b"last")
         far.client.shutdown(socket.SHUT_WR)
         assert port.read(1.0) == b"last"
-        with pytest.raises(LinkError, match="hung up"):
+        with pytest.raises(LinkError, match="connection lost"):
             port.read(1.0)
         port.close()
 
@@ -264,7 +264,7 @@ def test_closing_does_not_wait_for_a_connection_that_lingers() -> None:
         with socket.socket(fileno=os.dup(descriptor)) as same:
             same.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\x14\0\0\0")  # close() blocks for up to 20 s
         assert far.client
-        with pytest.raises(LinkError, match="stuck"):
+        with pytest.raises(LinkError, match="write buffer full"):
             _write_on(port, bytes(4096))
         began = time.monotonic()
         port.close()
@@ -274,7 +274,7 @@ def test_closing_does_not_wait_for_a_connection_that_lingers() -> None:
 def test_bytes_that_the_far_end_never_took_do_not_hold_up_closing() -> None:
     with terminal() as far:
         port = open_port(far.url, LINE)
-        with pytest.raises(LinkError, match="stuck"):
+        with pytest.raises(LinkError, match="write buffer full"):
             _write_on(port)
         began = time.monotonic()
         port.close()
