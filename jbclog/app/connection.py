@@ -1,8 +1,8 @@
-"""From a line file and a station's name to a conversation with that station, outside of any run: another composition root.
+"""Connects to one station of a line file outside of any run.
 
 ::
 
-    load_line -> Target -> opener (no run holds it; read-only unless told) -> drive.blocking pulls the steps
+    load_line -> Target -> open_port (refused during a run, read-only unless allowed) -> blocking.run pulls the steps
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from jbclog.transport.port import Port
 from jbclog.transport.read_only import OnlyReads, ReadOnly
 
 T = TypeVar("T")
-NUMBERS: Final = ("", *(f"-{number}" for number in range(2, 100)))  # behind the names of snapshots of one second
+NUMBERS: Final = ("", *(f"-{number}" for number in range(2, 100)))  # for further snapshots within the same second
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +52,12 @@ means = SYSTEM
 
 
 def target_in(path: Path, name: str) -> Target:
-    """The station of that name in the line file at `path`. Raises `Problems`, or `UsageError` with the names there are."""
+    """Return the station of that name in the line file at `path`. Raises `Problems`, or `UsageError` listing the names."""
     return target_of(load_line(path), name)
 
 
 def target_of(line: Line, name: str) -> Target:
-    """The station of that name. Raises `UsageError` with the names there are."""
+    """Return the station of that name. Raises `UsageError` listing the names."""
     found = next((station for station in line.stations if station.name == name), None)
     if found is None:
         names = [station.name for station in line.stations]
@@ -69,9 +69,9 @@ def target_of(line: Line, name: str) -> Target:
 
 
 def ask(target: Target, steps: Steps[T], *, may_write: bool = False) -> T:
-    """Pull `steps` on the target's port to their end. The port lets nothing but questions through, unless `may_write`.
+    """Run `steps` on the target's port and return their result. The port accepts only reads, unless `may_write`.
 
-    Raises `PortBusy` naming the run, where one holds the port, and whatever the steps raise.
+    Raises `PortBusy` naming the run that holds the port, and whatever the steps raise.
     """
     _refuse_during_run(target)
     only_reads = None if may_write else only_reads_for(target.family)
@@ -79,15 +79,15 @@ def ask(target: Target, steps: Steps[T], *, may_write: bool = False) -> T:
 
 
 def utc_of(moment: float) -> str:
-    """A monotonic moment of this process as UTC: ``2026-11-21T01:30:00.000000Z``."""
+    """Convert a monotonic time of this process to UTC: ``2026-11-21T01:30:00.000000Z``."""
     found = datetime.fromtimestamp(means.clock.utc() - means.clock.monotonic() + moment, UTC)
     return found.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
 def keep_snapshot(snapshot: Snapshot, before: str, path: Path | None) -> Path:
-    """Put a snapshot at `path`, or in this folder under its station and the time, and see that it lasts; give where it is.
+    """Save a snapshot at `path`, or in the current folder under station and time, synced; return its path.
 
-    Nothing is ever written over. Raises `RecordError`.
+    Never overwrites a file. Raises `RecordError`.
     """
     time = utc_of(means.clock.monotonic())
     stamp = time.partition(".")[0].replace("-", "").replace(":", "")
@@ -98,11 +98,11 @@ def keep_snapshot(snapshot: Snapshot, before: str, path: Path | None) -> Path:
         return _put(kept, [path] if path is not None else [Path(f"{name}{number}.json") for number in NUMBERS])
     except OSError as error:
         where = path or f"{name}.json"
-        raise RecordError(f"{where}: the snapshot cannot be kept there: {error.strerror or error}; nothing was written") from error
+        raise RecordError(f"{where}: the snapshot cannot be saved: {error.strerror or error}; nothing was written") from error
 
 
 def _put(kept: bytes, free: list[Path]) -> Path:
-    """Put `kept` at the first of these paths where there is nothing yet. Raises OSError."""
+    """Write `kept` to the first of these paths that is free. Raises OSError."""
     *others, last = free
     for path in others:
         with suppress(FileExistsError):
@@ -113,7 +113,7 @@ def _put(kept: bytes, free: list[Path]) -> Path:
 
 
 def only_reads_for(family: Family | None) -> OnlyReads:
-    """What is a question in the protocol of `family`; None is a family still to be learnt, which is asked in JBC's."""
+    """Return the filter for reads of the protocol of `family`; None is a family not known yet, addressed as JBC."""
     return omega.only_reads if family is not None and family.protocol == OMEGA else frame.only_reads
 
 
@@ -129,7 +129,7 @@ def _open(target: Target, only_reads: OnlyReads | None) -> Port:
 
 
 def _refuse_during_run(target: Target) -> None:
-    """A run holds its stations also while a cable is out, and behind servers that would take a second client."""
+    """A run keeps its stations also while a cable is out, and behind servers that accept a second client."""
     run = run_that_holds(target.url)
     if run is not None:
         raise _held(target, run)

@@ -1,4 +1,4 @@
-"""Scan several ports side by side, and write a line file from what answers. Start with `search`."""
+"""Scans several ports in parallel, and writes a line file from the stations that answer. Start with `search`."""
 
 from __future__ import annotations
 
@@ -28,14 +28,11 @@ from jbclog.transport.port import Port
 from jbclog.transport.read_only import ReadOnly
 from jbclog.transport.system_ports import lasting_name, processes_text, sharers_of
 
-# -- scan ports ---------------------------------------------------------------------------------------------------------------
-# Scans of several ports side by side: the composition root of `scan`, and of what `doctor` asks of a line.
+# -- scan ---------------------------------------------------------------------------------------------------------------------
 #
-# ::
+#     url -> ScanPlan -> open_port, reads only, counted -> blocking.run pulls `scan` -> PortReport
 #
-#     url -> ScanPlan -> open_port, questions only, counted -> drive.blocking pulls finding.scan -> PortReport
-#
-# Each port has a thread of its own: a scan waits nearly all the time.
+# Each port has its own thread: a scan spends most of its time waiting.
 
 MOST_AT_ONCE = 64
 
@@ -51,13 +48,15 @@ class Means:
 
 SYSTEM: Final = Means(open_port, time.sleep, SystemClock())
 
-Told = Callable[[PortReport], object]
+OnReport = Callable[[PortReport], object]
 
 
-def search(wanted: Sequence[tuple[str, ScanPlan]], told: Told = lambda _: None, means: Means | None = None) -> list[PortReport]:
-    """Scan every url by its plan; `told` is called, in this thread, with each report as it is done. In the order of `wanted`.
+def search(
+    wanted: Sequence[tuple[str, ScanPlan]], on_report: OnReport = lambda _: None, means: Means | None = None
+) -> list[PortReport]:
+    """Scan every url by its plan; return the reports in the order of `wanted`.
 
-    Ctrl-C ends all scans within one answer's time.
+    `on_report` is called in this thread with each report as it is done. Ctrl-C ends all scans within one response time.
     """
     by = means or SYSTEM
     dials = [ScanControl(plan.trials[0].line) for _, plan in wanted]
@@ -65,7 +64,7 @@ def search(wanted: Sequence[tuple[str, ScanPlan]], told: Told = lambda _: None, 
         scans = [pool.submit(_scan, url, plan, dial, by) for (url, plan), dial in zip(wanted, dials, strict=True)]
         try:
             for done in as_completed(scans):
-                told(done.result())
+                on_report(done.result())
         except BaseException:
             _stop(dials)
             raise
@@ -84,14 +83,14 @@ def _scan(url: str, plan: ScanPlan, dial: ScanControl, means: Means) -> PortRepo
 
 
 def _open(report: PortReport, dial: ScanControl, means: Means) -> Port:
-    """The port as a scan may use it: it lets harmless questions through and counts them.
+    """Open a port for a scan: it passes harmless reads only, and counts them.
 
-    A run holds its stations also while a cable is out, and behind servers that would take a second client. A program that
-    does not keep others out would lose what is answered here.
+    A run keeps its stations also while a cable is out, and behind servers that accept a second client. A program that does not
+    lock its port would lose the answers to the scan.
     """
     run = None if report.tried else run_that_holds(report.url)
     if run is not None:
-        raise PortBusy(f"{report.url} belongs to the run {run}; wait for its end, or end it")
+        raise PortBusy(f"{report.url} is held by the run {run}; end that run, or wait for its end")
     sharers = [] if report.tried else sharers_of(report.url)
     if sharers:
         raise PortBusy(f"{report.url} is open in {processes_text(sharers)}; end that, or take another port", sharers[0])
@@ -99,7 +98,7 @@ def _open(report: PortReport, dial: ScanControl, means: Means) -> Port:
 
 
 class _Counted:
-    """A port that counts what is sent in its report: what was handed to the system, not what was meant to be."""
+    """A port that counts in its report what was sent: the bytes that the system accepted."""
 
     def __init__(self, port: Port, report: PortReport, line: LineFormat) -> None:
         self._report = report
@@ -117,15 +116,14 @@ class _Counted:
 
 
 # -- line file ----------------------------------------------------------------------------------------------------------------
-# From what a scan found to a line file that runs as it is.
 
 NO_TOOL = (None, "none")
 
 
 def text_of(reports: Sequence[PortReport], file: Path) -> str | None:
-    """The text of a line file with every station that a run could begin with, and those to be completed as comments.
+    """Return the text of a line file with every usable station, and incomplete ones as comments.
 
-    None where there is neither.
+    None if there is neither.
     """
     stations = _described([report for report in reports if report.station is not None and report.station.is_drivable])
     name = file.stem if re.fullmatch(NAME_PATTERN, file.stem) else "line"
@@ -135,18 +133,18 @@ def text_of(reports: Sequence[PortReport], file: Path) -> str | None:
 
 
 def is_complete(reports: Sequence[PortReport]) -> bool:
-    """Whether the line file has a station that a run could begin with, and not proposals alone."""
+    """Whether the line file has a usable station, and not only comments."""
     return any(report.station is not None and report.station.is_drivable for report in reports)
 
 
 def _proposal(report: PortReport) -> str:
-    """A station whose model no table has, as comments: nobody but a person can name its family."""
+    """Return a station of unknown model as comments: only a person can name its family."""
     found = report.station
     if found is None or found.model is None or found.family is not None or found.robot_mode is False or found.trouble is not None:
         return ""
-    said = f"Model {found.model} is in no table. If you know what it is: name the family, and take away the # before these lines."
+    text = f"Model {found.model} is unknown. If you know its family, enter it and remove the # from these lines."
     table = _table("station-1", report.url, found, AUTO).model_copy(update={"family": "...", "model": found.model})
-    return line_comment(f"\n{said}\n{station_text(table)}")
+    return line_comment(f"\n{text}\n{station_text(table)}")
 
 
 def _described(reports: Sequence[PortReport]) -> list[Described]:
@@ -157,7 +155,7 @@ def _described(reports: Sequence[PortReport]) -> list[Described]:
             family = report.station.family.name
             numbers[family] += 1
             described.append(
-                (_table(f"{family}-{numbers[family]}", report.url, report.station, family), _said(report, report.station))
+                (_table(f"{family}-{numbers[family]}", report.url, report.station, family), _description(report, report.station))
             )
     return described
 
@@ -177,22 +175,22 @@ def _table(name: str, url: str, found: StationFound, family: str) -> StationTabl
 
 
 def _ports(found: StationFound) -> tuple[int, ...] | None:
-    """The ports with a tool: a run refuses a named port without one. Where there is no tool at all, those that answer."""
+    """Return the ports with a tool, as a run refuses a named port without one. If there is no tool at all, those that answer."""
     with_tool = tuple(port for port, tool in found.tools.items() if tool not in NO_TOOL)
     return with_tool or tuple(found.tools) or None
 
 
 def lasting_url(url: str) -> str:
-    """The url as a line file best has it: a USB adapter by its own number, a path from the root."""
+    """Return a url for a line file that stays valid: a USB adapter by its own number, a path from the root."""
     return lasting_name(os.path.abspath(url)) if is_path(url) else url  # noqa: PTH100  # a link stays a link
 
 
-def _said(report: PortReport, found: StationFound) -> str:
-    parts = [found.model or (found.family.title if found.family else "a station that does not say its model")]
+def _description(report: PortReport, found: StationFound) -> str:
+    parts = [found.model or (found.family.title if found.family else "a station that does not report its model")]
     parts += [f"software {found.software}"] if found.software else []
-    parts += [f"port {port} {tool or 'not told'}" for port, tool in found.tools.items()]
-    said = [", ".join(parts)]
-    said += ["The line format is the server's."] if report.url.startswith("socket:") else []
+    parts += [f"port {port} {tool or 'unknown tool'}" for port, tool in found.tools.items()]
+    lines = [", ".join(parts)]
+    lines += ["The server sets the line format."] if report.url.startswith("socket:") else []
     faster = found.turnaround.faster if found.turnaround else None
-    said += [f"{faster[0].upper()}{faster[1:]}."] if faster else []
-    return "\n".join(said)
+    lines += [f"{faster[0].upper()}{faster[1:]}."] if faster else []
+    return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""Diagnose this machine's setup and the stations of a line, and suggest one step for each finding. Start with `examine`."""
+"""Checks this machine and the stations of a line, and suggests one step for each finding. Start with `examine`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from jbclog.app.discovery import Means, Told, search
+from jbclog.app.discovery import Means, OnReport, search
 from jbclog.config.line import AUTO, Line, StationSpec
 from jbclog.core.durable_files import write_whole
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
@@ -24,13 +24,10 @@ from jbclog.session.discovery.diagnosis import FIRMLY, diagnose
 from jbclog.session.discovery.found import ADDRESSES, BY_SERVER, USUAL, PortReport, ScanFinding, ScanPlan, StationFound, Trial
 from jbclog.transport.system_ports import UsbPort, latency_timer, locker_of, process_text, processes_text, sharers_of, usb_ports
 
-# -- result -------------------------------------------------------------------------------------------------------------------
-# What was looked at: fine, or a finding.
-
 
 @dataclass(frozen=True, slots=True)
 class Fine:
-    """Something that is as it should be, with the same `kind` and `where` as its finding would have."""
+    """Something in order, with the same `kind` and `where` as its finding would have."""
 
     kind: str
     where: str
@@ -41,43 +38,43 @@ Looked = Fine | ScanFinding
 
 
 # -- clock --------------------------------------------------------------------------------------------------------------------
-# The host's clock: what it says, and whether anybody keeps it right.
 
 WHERE = "clock"
-STEP = "have a time server keep it: `sudo timedatectl set-ntp true`"
-RELEASED = datetime(2026, 1, 1, tzinfo=UTC)  # nothing can be recorded before this program was made
+STEP = "synchronise it with a time server: `sudo timedatectl set-ntp true`"
+RELEASED = datetime(2026, 1, 1, tzinfo=UTC)  # no record is older than this program
 UNSYNCHRONISED = 5  # TIME_ERROR of adjtimex(2)
-ROOM = 256  # bytes; struct timex has 208
+TIMEX_BYTES = 256  # struct timex has 208
 
 
 def look_at_clock(utc_s: float, is_kept: bool | None) -> Looked:
-    """`utc_s` is what the clock says, in seconds since 1970; `is_kept` whether the system calls it right, where it tells."""
+    """Check the clock. `utc_s`: its time, seconds since 1970; `is_kept`: whether the system calls it synchronised, None if unknown."""
     now = datetime.fromtimestamp(utc_s, UTC)
     if now < RELEASED:
-        return ScanFinding("clock.wrong", WHERE, f"it says {now:%Y-%m-%d %H:%M} UTC, which cannot be", STEP)
+        return ScanFinding("clock.wrong", WHERE, f"it shows {now:%Y-%m-%d %H:%M} UTC, which is wrong", STEP)
     if is_kept is False:
-        return ScanFinding("clock.unkept", WHERE, "no time server keeps it, so times in records can be off", STEP)
-    return Fine("clock", WHERE, f"{now:%Y-%m-%d %H:%M} UTC" + (", kept by a time server" if is_kept else ""))
+        return ScanFinding(
+            "clock.unkept", WHERE, "it is not synchronised with a time server, so times in records may be wrong", STEP
+        )
+    return Fine("clock", WHERE, f"{now:%Y-%m-%d %H:%M} UTC" + (", synchronised" if is_kept else ""))
 
 
 def clock_is_kept() -> bool | None:
-    """What the kernel says of its clock; None where there is nobody to ask."""
+    """Return whether the kernel calls the clock synchronised; None on a system that does not report it."""
     try:
-        told = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(ROOM))
+        state = ctypes.CDLL(None).adjtimex(ctypes.create_string_buffer(TIMEX_BYTES))
     except (OSError, AttributeError, TypeError):  # another system
         return None
-    return None if told < 0 else bool(told != UNSYNCHRONISED)
+    return None if state < 0 else bool(state != UNSYNCHRONISED)
 
 
 # -- disk ---------------------------------------------------------------------------------------------------------------------
-# The folder that runs are recorded in: whether files can be kept there, and for how long there is room.
 
-LEAST_FREE = 500_000_000  # bytes: some days of a few stations, and what is not sealed yet
+LEAST_FREE = 500_000_000  # bytes: some days of a few stations, live stores included
 PROBE_BYTES = 4096
 
 
 def look_at_folder(out: Path) -> list[Looked]:
-    """Whether a run could be recorded below `out`, which need not be there yet."""
+    """Check whether a run can be recorded below `out`, which need not exist."""
     folder = nearest(out)
     try:
         _prove(folder)
@@ -85,19 +82,19 @@ def look_at_folder(out: Path) -> list[Looked]:
     except OSError as error:
         return [
             ScanFinding(
-                "disk.no_write", str(out), f"no file can be kept in {folder}: {error.strerror or error}", _step(error, folder)
+                "disk.no_write", str(out), f"no file can be written in {folder}: {error.strerror or error}", _step(error, folder)
             )
         ]
-    return [_room(out, free)]
+    return [_space(out, free)]
 
 
 def nearest(out: Path) -> Path:
-    """`out`, or the folder above it that is there."""
+    """Return `out`, or the nearest parent folder that exists."""
     return next(place for place in (out.absolute(), *out.absolute().parents) if place.exists())
 
 
 def _prove(folder: Path) -> None:
-    """Write, sync, rename and remove a file, as a run will."""
+    """Write, sync, rename and remove a file, as a run does."""
     probe = folder / f".jbclog-doctor-{os.getpid()}"
     try:
         write_whole(probe, bytes(PROBE_BYTES))
@@ -107,63 +104,62 @@ def _prove(folder: Path) -> None:
 
 def _step(error: OSError, folder: Path) -> str:
     if error.errno == errno.ENOSPC:
-        return f"make room on the disk of {folder}"
+        return f"free space on the disk of {folder}"
     if error.errno in (errno.EACCES, errno.EPERM):
         return f"let your user write there: `sudo chown $USER {folder}`"
-    return "record elsewhere: `--out DIR` with a folder on a disk that can be written to"
+    return "record on another disk: `--out DIR`"
 
 
-def _room(out: Path, free: int) -> Looked:
-    told = f"{free / 1e9:.1f} GB are free"
+def _space(out: Path, free: int) -> Looked:
     if free < LEAST_FREE:
-        what = f"only {free / 1e6:.0f} MB are free; a station with two ports at 10 Hz fills some 30 MB a day"
-        return ScanFinding("disk.space", str(out), what, f"make room on the disk of {nearest(out)}")
-    return Fine("disk", str(out), f"files can be kept here, {told}")
+        what = f"only {free / 1e6:.0f} MB free; a station with two ports at 10 Hz writes about 30 MB a day"
+        return ScanFinding("disk.space", str(out), what, f"free space on the disk of {nearest(out)}")
+    return Fine("disk", str(out), f"writable, {free / 1e9:.1f} GB free")
 
 
 # -- ports --------------------------------------------------------------------------------------------------------------------
-# Ports of this computer as the system sees them, without opening any: there, allowed, free.
+# Nothing here opens a port.
 
-NONE_PLUGGED = "no USB serial port is plugged in"
-GROUPS = ("dialout", "uucp", "tty", "plugdev")  # that systems give serial ports to; who is in another may do more than that
+NONE_PLUGGED = "no USB serial port is connected"
+GROUPS = ("dialout", "uucp", "tty", "plugdev")  # of serial ports; other groups give more rights than that
 RULES = "/etc/udev/rules.d/60-jbclog.rules"
-QUICK_MS = 2  # a timer of this much or less costs nothing that counts
+QUICK_MS = 2  # a timer up to this costs no rate
 
 
 def look_at_usb_port(port: UsbPort) -> Looked:
-    """Whether this user could open it, and nobody else has it."""
+    """Check whether this user may open the port and no other program has it."""
     device = Path(port.device)
     if not os.access(device, os.R_OK | os.W_OK):
-        return ScanFinding("port.permission", port.name, "your user may not open it", permission_step(device))
+        return ScanFinding("port.permission", port.name, "your user has no permission to open it", permission_step(device))
     return look_at_holder(port.name, port.device) or Fine("port", port.name, f"{port.title or 'USB serial port'}, free and allowed")
 
 
 def look_at_holder(where: str, url: str) -> Looked | None:
-    """Who holds the port: a run, which is as it should be, or somebody else; None where nobody does."""
+    """Return who has the port open: a run (fine), or another program; None if nobody has."""
     run = run_that_holds(url)
     process = locker_of(url)
     run = run or (run_of(process) if process is not None else None)
     if run is not None:
-        return Fine("port.run", where, f"the run {run} records it; it was not disturbed")
+        return Fine("port.run", where, f"in use by the run {run}; not touched")
     if process is not None and process != os.getpid():
         return ScanFinding("port.busy", where, f"it is in use by {process_text(process)}", "end that program")
     sharers = sharers_of(url)
     if sharers:
-        what = f"it is open in {processes_text(sharers)} too, which keeps nobody out: of what comes, each gets a part"
+        what = f"{processes_text(sharers)} also has it open without a lock: each program gets only a part of the data"
         return ScanFinding("port.shared", where, what, "end that program")
     return None
 
 
 def permission_step(device: Path) -> str:
-    """How this user comes to open `device`: by its group, where that is one of serial ports; else by a rule that gives it one."""
+    """Return how this user gets access to `device`: by joining its group if that is one of serial ports, else by a udev rule."""
     group = _group(device)
     if group in GROUPS:
-        return f"`sudo adduser {_user()} {group}`, then log in anew"
+        return f"`sudo adduser {_user()} {group}`, then log in again"
     name = Path(os.path.realpath(device)).name
     rule = f'KERNEL=="{re.sub(r"[0-9]+$", "*", name)}", GROUP="{GROUPS[0]}", MODE="0660"'
     return (
-        f"give it to the group {GROUPS[0]} (`echo '{rule}' | sudo tee {RULES}`, then plug it in anew) "
-        f"and join that (`sudo adduser {_user()} {GROUPS[0]}`, then log in anew)"
+        f"give it to the group {GROUPS[0]} (`echo '{rule}' | sudo tee {RULES}`, then plug it in again) "
+        f"and join that (`sudo adduser {_user()} {GROUPS[0]}`, then log in again)"
     )
 
 
@@ -182,7 +178,7 @@ def _group(device: Path) -> str:
 
 
 def look_at_timer(where: str, device: str) -> ScanFinding | None:
-    """Whether the adapter still holds answers back although it has been told not to; to be looked at behind an opening."""
+    """Check whether the adapter still delays answers after it was set not to; call it after the port was opened."""
     timer = latency_timer(device)
     try:
         held_ms = int(timer.read_text()) if timer else 0
@@ -190,21 +186,20 @@ def look_at_timer(where: str, device: str) -> ScanFinding | None:
         return None
     if held_ms <= QUICK_MS:
         return None
-    what = f"its USB adapter holds each answer back for up to {held_ms} ms, which halves the rate"
+    what = f"its USB adapter delays each answer by up to {held_ms} ms, which halves the rate"
     return ScanFinding("port.latency", where, what, f"`echo 1 | sudo tee {timer}`")
 
 
 # -- stations -----------------------------------------------------------------------------------------------------------------
-# The stations of a line: what each says of itself, held against what the line file says.
 
 NO_TOOL = "none"
 
 
-def look_at_stations(line: Line, told: Told = lambda _: None, means: Means | None = None) -> list[Looked]:
-    """Ask every station of the line whose port nobody holds. Questions only, none that clears anything."""
+def look_at_stations(line: Line, on_report: OnReport = lambda _: None, means: Means | None = None) -> list[Looked]:
+    """Check every station of the line whose port is free. Sends only reads that clear nothing."""
     held = {spec.name: looked for spec in line.stations if (looked := look_at_holder(spec.name, spec.url)) is not None}
     free = [spec for spec in line.stations if spec.name not in held]
-    reports = search([(spec.url, plan_for(spec)) for spec in free], told, means)
+    reports = search([(spec.url, plan_for(spec)) for spec in free], on_report, means)
     asked = {spec.name: report for spec, report in zip(free, reports, strict=True)}
     return [
         one
@@ -214,7 +209,7 @@ def look_at_stations(line: Line, told: Told = lambda _: None, means: Means | Non
 
 
 def plan_for(spec: StationSpec) -> ScanPlan:
-    """First as the line file says, then as stations usually are spoken to."""
+    """Return a plan that tries the settings of the line file first, then the usual ones."""
     if spec.url.startswith("socket:"):
         return ScanPlan(tuple(dataclasses.replace(trial, line=spec.line_format) for trial in BY_SERVER), _addresses(spec))
     family = FAMILIES.get(spec.family)
@@ -228,7 +223,7 @@ def _addresses(spec: StationSpec) -> tuple[int | None, ...]:
 
 
 def compared(line: Line, spec: StationSpec, report: PortReport) -> Iterator[Looked]:
-    """What of this station is fine, or is not."""
+    """Yield what is fine with this station, or its findings."""
     wrong = [_of_line(line, spec, finding) for finding in diagnose(report) if not _is_accepted(spec, report, finding)]
     if not wrong and report.station is not None:
         wrong = [finding for finding in _differences(line, spec, report.station) if finding is not None]
@@ -238,17 +233,17 @@ def compared(line: Line, spec: StationSpec, report: PortReport) -> Iterator[Look
 
 
 def _is_accepted(spec: StationSpec, report: PortReport, finding: ScanFinding) -> bool:
-    """Whether this is about a model name that no table has, and the line file accepts it."""
+    """Whether the finding is an unknown model that the line file accepts."""
     return finding.kind == "station.unknown" and report.station is not None and report.station.model == spec.model
 
 
 def _of_line(line: Line, spec: StationSpec, finding: ScanFinding) -> Looked:
-    """A finding of a port, as one of this station."""
+    """Convert a finding of a port to one of this station."""
     step = finding.step
     if finding.kind == "port.permission" and spec.is_device:
         step = permission_step(Path(spec.url))
     if finding.kind == "port.missing" and spec.is_relative:
-        step = f"a relative url is a virtual station's: start `jbclog sim {line.path}`, and give the line file that it makes"
+        step = f"a relative url is a virtual station's: start `jbclog sim {line.path}` and use the line file that it creates"
     return dataclasses.replace(finding, where=f"{spec.name} ({finding.where})", step=step)
 
 
@@ -256,7 +251,7 @@ def _text(found: StationFound) -> str:
     who = found.model or (found.family.title if found.family else "a station")
     speed = f" in {found.turnaround.median_ms:.1f} ms" if found.turnaround else ""
     speed += f" ({found.turnaround.faster})" if found.turnaround and found.turnaround.faster else ""
-    tools = "; ".join(f"port {port} {tool or 'not told'}" for port, tool in found.tools.items())
+    tools = "; ".join(f"port {port} {tool or 'unknown tool'}" for port, tool in found.tools.items())
     mode = "; Robot mode is not known until the first write" if found.has_robot_mode else ""
     return f"{who} answers at {found.line}{_addressing(found)}{speed}" + (f"; {tools}" if tools else "") + mode
 
@@ -284,7 +279,7 @@ def _change(line: Line, spec: StationSpec, keys: str) -> str:
 def _line_format(line: Line, spec: StationSpec, found: StationFound) -> ScanFinding | None:
     if found.line == spec.line_format or spec.url.startswith("socket:"):
         return None
-    what = f"it answers at {found.line}, and not at the line file's {spec.line_format}"
+    what = f"it answers at {found.line}; the line file has {spec.line_format}"
     keys = f'baudrate = {found.line.baudrate}, format = "{found.line.format}"'
     return ScanFinding("line.format", spec.name, what, _change(line, spec, keys))
 
@@ -294,9 +289,7 @@ def _address(line: Line, spec: StationSpec, found: StationFound) -> ScanFinding 
         return None
     wanted = "without addresses" if spec.address is None else f"address {spec.address:02d}"
     keys = f"address = {'false' if found.address is None else found.address}"
-    return ScanFinding(
-        "line.address", spec.name, f"it answers {_at(found)}, and not {wanted} as in the line file", _change(line, spec, keys)
-    )
+    return ScanFinding("line.address", spec.name, f"it answers {_at(found)}; the line file has {wanted}", _change(line, spec, keys))
 
 
 def _at(found: StationFound) -> str:
@@ -307,31 +300,31 @@ def _family(line: Line, spec: StationSpec, found: StationFound) -> ScanFinding |
     if spec.model is not None:
         if found.model == spec.model:
             return None
-        what = f"the line file accepts model {spec.model}; what answers is {found.model or 'one that says none'}"
+        what = f"the line file accepts model {spec.model}; the station reports {found.model or 'no model'}"
         return ScanFinding(
             "line.model", spec.name, what, _change(line, spec, f'model = "{found.model}", or plug in the other cable')
         )
     if spec.family == AUTO or found.family is None or found.family.name == spec.family:
         return None
-    what = f"the line file says family {spec.family}; what answers is {found.model or found.family.title}"
+    what = f"the line file has family {spec.family}; the station is {found.model or found.family.title}"
     return ScanFinding(
         "line.family", spec.name, what, _change(line, spec, f'family = "{found.family.name}", or plug in the other cable')
     )
 
 
 def _ports(line: Line, spec: StationSpec, found: StationFound) -> Iterator[ScanFinding]:
-    """The ports that a run would want, without a tool or not there at all."""
+    """Find ports that a run needs and that have no tool or do not exist."""
     wanted = spec.ports or _printed_ports(found.family) or tuple(found.tools)
     missing = [port for port in wanted if port not in found.tools] if found.tools else []
     empty = [port for port in wanted if found.tools.get(port) == NO_TOOL]
     rest = [port for port in wanted if port not in (*missing, *empty)]
     keys = f"ports = {rest}" if rest else "ports = [...] to those that it has"
     if missing:
-        what = f"it has no port {_listed(missing)}, which the line file names"
+        what = f"it has no port {_listed(missing)}, but the line file lists it"
         yield ScanFinding("line.ports", spec.name, what, _change(line, spec, keys))
     if empty:
-        step = f"put a tool in, or {_change(line, spec, keys)}" if rest else "put a tool in"
-        yield ScanFinding("tool.missing", spec.name, f"no tool in port {_listed(empty)}; a run refuses to start without", step)
+        step = f"insert a tool, or {_change(line, spec, keys)}" if rest else "insert a tool"
+        yield ScanFinding("tool.missing", spec.name, f"no tool in port {_listed(empty)}; a run does not start without one", step)
 
 
 def _printed_ports(family: Family | None) -> tuple[int, ...] | None:
@@ -353,18 +346,17 @@ def _lost(spec: StationSpec, found: StationFound) -> ScanFinding | None:
     if turnaround is not None and turnaround.answered == turnaround.asked:
         return None
     answered, asked = (turnaround.answered, turnaround.asked) if turnaround else (0, 1)
-    what = f"{asked - answered} of {asked} questions were not answered"
+    what = f"{asked - answered} of {asked} reads were not answered"
     return ScanFinding("line.noisy", spec.name, what, FIRMLY)
 
 
 # -- examine ------------------------------------------------------------------------------------------------------------------
-# Everything that `doctor` looks at, in order: this machine first, then its ports or the stations of a line.
 
 
-def examine(line: Line | None, out: Path, told: Told = lambda _: None, means: Means | None = None) -> list[Looked]:
-    """Look at this machine and, with a line, at each of its stations; without one at the USB ports, which are not opened."""
+def examine(line: Line | None, out: Path, on_report: OnReport = lambda _: None, means: Means | None = None) -> list[Looked]:
+    """Check this machine and each station of `line`; without a line the USB ports, which are not opened."""
     looked = [*look_at_folder(out), look_at_clock(time.time(), clock_is_kept())]
-    return looked + (_usb() if line is None else look_at_stations(line, told, means))
+    return looked + (_usb() if line is None else look_at_stations(line, on_report, means))
 
 
 def _usb() -> list[Looked]:

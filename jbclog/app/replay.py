@@ -1,4 +1,4 @@
-"""A recorded run once more: reproduced from its serial captures without a port, or served as virtual stations."""
+"""Replays a recorded run: reproduced from its serial captures without ports, or served as virtual stations."""
 
 from __future__ import annotations
 
@@ -35,14 +35,13 @@ from jbclog.transport.session_history import ERROR_OF_RESULT, Divergence, replay
 from jbclog.transport.virtual import VirtualDriver
 
 # -- recording ----------------------------------------------------------------------------------------------------------------
-# A recorded run: its folder, its line, what each of its sessions was ordered, and the plan that comes of that.
 
-REPLAY_OF = "replay_of"  # the tag that names the run which was lived through
+REPLAY_OF = "replay_of"  # the tag with the name of the recorded run
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A run whose wires were kept: its folder, its line, and what each of its sessions was ordered."""
+    """A run with serial captures: its folder, its line, and the head of each capture."""
 
     folder: Path
     line: Line
@@ -50,20 +49,20 @@ class Recording:
 
     @property
     def stations(self) -> list[StationSpec]:
-        """The stations whose wires were kept, in the line's order, as their sessions knew them."""
+        """The captured stations in the line's order, as their sessions had them."""
         named = [spec for spec in self.line.stations if spec.name in self.heads]
         return [spec.model_copy(update={"url": self.heads[spec.name].url}) for spec in named]
 
     @property
     def first(self) -> Head:
-        """What all of its sessions have in common."""
+        """A head; the settings of the run are the same in all of them."""
         return next(iter(self.heads.values()))
 
     def recipe_path(self, station: str) -> Path:
         return recipe_copy(self.folder, self.heads[station].recipe)
 
     def ticks(self, station: str) -> RecordedGrid | None:
-        """The grid on which a station was sampled, on the recorder's clock. None where that is not known, or there was none."""
+        """Return a station's sampling grid on the recorder's clock. None if unknown or without one."""
         facts = self.facts.get(station)
         if facts is None or facts.first_tick is None or facts.period_s is None or self.line.replay is not None:
             return None
@@ -71,18 +70,18 @@ class Recording:
 
     @property
     def facts(self) -> Mapping[str, StationFacts]:
-        """What the manifest knows of the stations, by name."""
+        """The facts of the stations in the manifest, by name."""
         return {one.name: one for one in self.manifest.stations} if self.manifest else {}
 
     @property
     def replay(self) -> Replay:
-        """How the run is recorded again: at the rates that came of it, on grids that lie as they did."""
+        """The settings to record the run again: its rates, on grids with the same offsets."""
         known = [name for name in self.heads if self.ticks(name) is not None]
         first_tick = {name: self.facts[name].first_tick or 0 for name in known}
         return Replay(rate_hz=self.rates_hz, first_tick=first_tick, first_in_s={name: self._first_in_s(name) for name in known})
 
     def _first_in_s(self, station: str) -> float:
-        """How long after the last that its session was told before its first tick that was due."""
+        """Return the time between the last message to its session before the first tick and that tick."""
         ticks, last_s = self.ticks(station), 0.0
         assert ticks is not None
         for row in self.tape(station):
@@ -92,41 +91,41 @@ class Recording:
         return ticks.first_s - last_s
 
     def tape(self, station: str, first: int = 0) -> Iterator[CaptureRow]:
-        """The rows of a station's wire from number `first` on, up to where something of it is missing."""
+        """Return the rows of a station's capture from number `first` on, up to the first gap."""
         return read_to_hole(wire_path(self.folder, station), first)
 
     def exchanges(self, station: str) -> Iterator[CaptureRow]:
-        """The rows of a station's wire as far as each question has what came of it."""
+        """Return the rows of a station's capture up to the last read with a result."""
         return read_exchanges(wire_path(self.folder, station))
 
     @property
     def doubts(self) -> list[str]:
-        """What of the recording is missing, or was changed since, a sentence each. Raises `RecordError`."""
+        """The parts of the recording that are missing or changed, a sentence each. Raises `RecordError`."""
         return sealed_files.doubts(self.folder, self.manifest)
 
     @property
     def manifest(self) -> Manifest | None:
-        """The run's manifest, where it had come to writing one."""
+        """The manifest of the run; None if it wrote none."""
         return read_manifest(self.folder) if (self.folder / NAME).exists() else None
 
     @property
     def is_damaged(self) -> bool:
-        """Whether something of it is missing or was changed since. Raises `RecordError`."""
+        """Whether a part is missing or changed. Raises `RecordError`."""
         return bool(self.doubts)
 
     @property
     def is_paced(self) -> bool:
-        """Whether it was sampled on a grid, and not as fast as the wire could."""
+        """Whether it was sampled on a grid, and not as fast as possible."""
         return self.first.rate != AS_FAST_AS_POSSIBLE
 
     @property
     def rates_hz(self) -> dict[str, float]:
-        """The rate that came of what was asked for, by station, as far as it is known."""
+        """The resulting rate by station, if known."""
         return {name: round(1 / one.period_s, 9) for name, one in self.facts.items() if one.period_s and self.is_paced}
 
     @property
     def sampled_s(self) -> float | None:
-        """How long the run sampled on its grid: as long as was asked, or until somebody ended it. None where that is not known."""
+        """How long the run sampled on its grid: the requested duration, or until it was ended. None if unknown."""
         if self.first.duration_s is not None:
             return self.first.duration_s
         facts = self.manifest.stations if self.manifest else []
@@ -135,13 +134,13 @@ class Recording:
 
     @property
     def metadata(self) -> Metadata:
-        """What was said of the run, with a tag that tells what this is."""
+        """The metadata of the run, with a tag for the replay."""
         tags = {REPLAY_OF: Path(os.path.realpath(self.folder)).name}
         if self.manifest is None:
             return Metadata(tags=tags)
-        told = self.manifest.metadata
-        lots = tuple(told.wire_lots), tuple(told.flux_lots)
-        return Metadata(told.operator, told.order, told.product, tuple(told.units), told.tags | tags, *lots, tuple(told.tips))
+        kept = self.manifest.metadata
+        lots = tuple(kept.wire_lots), tuple(kept.flux_lots)
+        return Metadata(kept.operator, kept.order, kept.product, tuple(kept.units), kept.tags | tags, *lots, tuple(kept.tips))
 
 
 def _sampled_s(facts: StationFacts) -> float | None:
@@ -151,16 +150,16 @@ def _sampled_s(facts: StationFacts) -> float | None:
 
 
 def open_recording(folder: Path) -> Recording:
-    """The recording in a run's folder. Raises `UsageError` where no wire was kept, `RecordError` where none is readable."""
+    """Return the recording in a run's folder. Raises `UsageError` without a capture, `RecordError` if none is readable."""
     paths = wire_paths(folder)
     if not paths:
-        raise UsageError(f"{folder}: what passed over its wires was not kept; only a run with --wire can be replayed")
+        raise UsageError(f"{folder}: has no serial capture; only a run recorded with --wire can be replayed")
     heads = {head.station: head for head in sealed_files.readable_heads(paths)}
     return Recording(folder, load_line(folder / "line.toml"), heads)
 
 
 def plan_of(recording: Recording) -> Plan:
-    """The plan that was run. Raises `Problems` where line file or recipe are none any more."""
+    """Return the plan of the recorded run. Raises `Problems` if line file or recipe are not valid any more."""
     head = recording.first
     wanted = RunOptions(
         recording.line.path,
@@ -177,93 +176,91 @@ def plan_of(recording: Recording) -> Plan:
 
 
 def _station_plan(recording: Recording, spec: StationSpec, wanted: RunOptions) -> StationPlan:
-    """Stations of one run may have rates of their own, where the run was itself a replay."""
+    """Return the plan of a station; stations of a replayed run may have their own rates."""
     recipe = load_recipe(recording.recipe_path(spec.name), links=False)
     return station_plan(spec, recipe, replace(wanted, rate=recording.heads[spec.name].rate))
 
 
 # -- reproduce ----------------------------------------------------------------------------------------------------------------
-# A recorded run lived through once more, without any port and as fast as the machine can, and held against the first time.
-#
-# Each session receives what it received then (`transport.session_history`) and so does the same, and the tables come out the
-# same, to the microsecond. Where the program is not the same any more and asks something else, its session continues with the
-# capture as its station (`sim.tape`) on a virtual clock.
+# Each session gets the recorded results of its requests (`transport.session_history`), so it sends the same and the tables are the
+# same, to the microsecond. If a later program sends something else, its session continues with the capture as its station
+# (`sim.replayed_station`) on a virtual clock.
 
-GRACE_S = 5.0  # that a session which left its tape may still take once the tape is over
+GRACE_S = 5.0  # for a diverged session after the end of its capture
 
 
 @dataclass(frozen=True, slots=True)
 class Again:
-    """The result of reproducing a run, and which sessions left their captures where."""
+    """The result of reproducing a run, and where sessions diverged from their captures."""
 
     result: Result
     left: Mapping[str, Divergence]
 
     @property
     def cut_off(self) -> list[str]:
-        """The stations whose recordings ended before their sessions did."""
+        """The stations whose captures ended before their sessions did."""
         return [name for name, astray in self.left.items() if astray.is_cut_off]
 
 
 def record_again(recording: Recording, out: Path, observer: Observer) -> Again:
-    """Live through the run and record that below `out`. Raises `RecordError` where it cannot be kept, or the tape be read."""
+    """Reproduce the run and record it below `out`. Raises `RecordError` if that fails or a capture cannot be read."""
     clock = VirtualClock(recording.first.t0_mono, recording.first.t0_utc)
     run_record = RunRecord(plan_of(recording), out, observer, clock)
     run_record.begin()
-    left = relive(recording, run_record.contexts, clock)
+    left = reproduce(recording, run_record.contexts, clock)
     cut_off = [name for name, astray in left.items() if astray.is_cut_off]
     lost = f"The recording of {', '.join(cut_off)} ends before its run did." if cut_off else None
     run_record.manifest.lost = Lost(None, lost) if lost else None
     return Again(run_record.conclude(run_record.close() or lost), left)
 
 
-# -- held against the first time ---------------------------------------------------------------------------------------------
+# -- comparison ------------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """The two lives of a run held against each other. `was_cut`: of the first, too, the end is not known."""
+    """The comparison of a run with its reproduction. `was_cut`: the end of the run is not known either."""
 
     comparison: Comparison
     was_cut: bool
-    left: tuple[str, ...]  # stations that left their tapes, which did not end there
+    left: tuple[str, ...]  # stations that diverged before their captures ended
 
     @property
     def counts(self) -> dict[str, tuple[int, int]]:
-        """By table: of how many recorded rows how many were compared, as (compared, recorded)."""
+        """By table: (compared, recorded) rows."""
         return {table: self.comparison.share(table) for table in TABLES}
 
     @property
     def compared(self) -> str:
-        """How many rows of which tables were held against each other."""
+        """The number of compared rows by table, as text."""
         shares = (f"{compared} of {recorded} rows of {table}" for table, (compared, recorded) in self.counts.items())
         return f"compared: {', '.join(shares)}"
 
     @property
     def lacking(self) -> list[str]:
-        """Of what less could be compared than was recorded."""
+        """The tables with fewer rows compared than recorded."""
         return self.comparison.lacking if self.comparison.is_cut else []
 
     @property
     def uncompared(self) -> list[str]:
-        """What makes this no proof: tables that nothing was held against, and wires that kept less than their run."""
+        """The reasons why this is no proof: tables that were not compared, and captures shorter than their run."""
         if not self.comparison.rows:
-            return ["nothing was compared: no row was decoded from what the wires kept"]
+            return ["nothing was compared: no row was decoded from the captures"]
         if not self.was_cut:
             return self.lacking
-        return [f"{one.table}, {one.station}: none of {one.first} rows could be compared" for one in self._unheld()]
+        return [f"{one.table}, {one.station}: none of {one.first} rows could be compared" for one in self._uncompared()]
 
-    def _unheld(self) -> Iterator[Compared]:
+    def _uncompared(self) -> Iterator[Compared]:
         return (one for one in self.comparison.tables if one.table == "samples" and one.first and not one.rows)
 
     @property
     def is_same(self) -> bool:
-        """Whether all that was recorded came out once more; of a run that was itself cut off, all that its wires kept."""
+        """Whether everything recorded was reproduced; of a run that was cut off, everything in its captures."""
         return not (self.comparison.differences or self.uncompared or self.left)
 
 
 def compare(recording: Recording, again: Again) -> Held | None:
-    """How the two lives compare; None where the recorded run is not sealed and so has no tables yet."""
+    """Compare a run with its reproduction; None if the run is not sealed and has no tables yet."""
     manifest = recording.manifest
     if manifest is None or manifest.state != "sealed":
         return None
@@ -274,21 +271,21 @@ def compare(recording: Recording, again: Again) -> Held | None:
     return Held(comparison, was_cut, tuple(name for name in again.left if name not in again.cut_off))
 
 
-# -- the second life -----------------------------------------------------------------------------------------------------------
+# -- sessions ------------------------------------------------------------------------------------------------------------------
 
 
-def relive(recording: Recording, contexts: Iterable[SessionContext], clock: VirtualClock) -> dict[str, Divergence]:
-    """Run the sessions of `contexts` on what was recorded; give where they left it, by station, if they did."""
+def reproduce(recording: Recording, contexts: Iterable[SessionContext], clock: VirtualClock) -> dict[str, Divergence]:
+    """Run the sessions of `contexts` on their captures; return where they diverged, by station."""
     driver = VirtualDriver(clock)
-    lives = [_Life(recording, context) for context in contexts]
-    for life in lives:
-        driver.add(life.steps(), life)
+    sessions = [_ReplayedSession(recording, context) for context in contexts]
+    for session in sessions:
+        driver.add(session.steps(), session)
     driver.run()
-    return {life.name: life.astray for life in lives if life.astray is not None}
+    return {session.name: session.astray for session in sessions if session.astray is not None}
 
 
-class _Life:
-    """The second life of one session, and the station that it needs only where it leaves its tape."""
+class _ReplayedSession:
+    """One session on its capture, and the station for the part after a divergence."""
 
     def __init__(self, recording: Recording, context: SessionContext) -> None:
         self.name = context.name
@@ -310,7 +307,7 @@ class _Life:
     def _left(self, astray: Divergence) -> tuple[float, str]:
         self.astray = astray
         if astray.step is None:
-            self._context.journal = NoJournal()  # what a session does that is given up was not recorded
+            self._context.journal = NoJournal()  # the rest of this session was not recorded
             return inf, ""
         rest = partial(self._tape, astray.step.place)
         self._station = ReplayedStation(self.name, rest, ticks=self._ticks)
@@ -318,7 +315,7 @@ class _Life:
 
 
 def _end(rows: Iterable[CaptureRow]) -> tuple[float, str]:
-    """When and why a session was ended then; at the latest some seconds after its tape."""
+    """Return when and why the recorded session ended; at the latest `GRACE_S` after its capture."""
     at_s = 0.0
     for row in rows:
         at_s = row.at_s

@@ -1,11 +1,11 @@
-"""Every tool of a line in its safe state, now, by hand: another composition root.
+"""Puts every tool of a line in its safe state on demand.
 
 ::
 
-    the runs that hold its ports -> asked to end, ended after 3 s -> all stations at once, `byhand.safe` on each
+    runs that hold its ports -> SIGTERM, SIGKILL after 3 s -> all stations in parallel, `make_safe` on each
 
-A run that is asked puts its tools in their safe state itself; one that must be ended has a guard that does. What they did
-is looked at all the same: nothing here is taken for safe that was not read back.
+A run that ends on SIGTERM makes its tools safe itself; after SIGKILL its guard does. The result is read back all the same:
+nothing counts as safe that was not read back.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from threading import Thread
@@ -36,32 +37,37 @@ from jbclog.session.manual.safe import MadeSafe, StationMadeSafe, make_safe, tem
 from jbclog.transport import blocking
 from jbclog.transport.port import Port
 
-ASKED_S: Final = 3.0  # that a run has to let go of the line (docs/reference/commands.md, jbclog safe)
+TERM_S: Final = 3.0  # for a run to release the line (docs/reference/commands.md, jbclog safe)
 KILLED_S: Final = 2.0
-GUARD_S: Final = 6.0  # a guard that takes over has done what it can by then
+GUARD_S: Final = 6.0  # a guard that takes over is done by then
 LOOK_S: Final = 0.1
-REACHED_S: Final = 6.0  # a port may be in somebody's hands for a moment
+CONNECT_S: Final = 6.0  # another program may hold a port for a moment
 AGAIN_S: Final = 0.25
-DONE_S: Final = 20.0  # a port whose driver hangs must not keep the others from being told
+DONE_S: Final = 20.0  # a port whose driver hangs must not delay the result of the others
 
 COLD_WITHIN_S: Final = 1800.0
 COLD_EVERY_S: Final = 5.0
-TELL_EVERY_S: Final = 60.0
+REPORT_EVERY_S: Final = 60.0
 
-ASKED, KILLED, REFUSED = "asked", "killed", "refused"
-Tell = Callable[[str], None]
+Report = Callable[[str], None]
+
+
+class HowEnded(StrEnum):
+    ASKED = "asked"
+    KILLED = "killed"
+    REFUSED = "refused"
 
 
 @dataclass(frozen=True, slots=True)
 class EndedRun:
-    """A run that held the line. `how`: it ended because it was ``asked``, was ``killed``, or ``refused`` to end."""
+    """A run that held the line, and how it ended."""
 
     folder: Path
-    how: str
+    how: HowEnded
 
 
 def make_line_safe(line: Line, done: Callable[[StationMadeSafe], None]) -> None:
-    """Put every tool of the line in its safe state, all stations at once; `done` is told each, in the line's order."""
+    """Put every tool of the line in its safe state, all stations in parallel; call `done` with each in the line's order."""
     found = [StationMadeSafe(connection.target_of(line, station.name)) for station in line.stations]
     threads = [Thread(target=_one, args=(made,), daemon=True) for made in found]
     for thread in threads:
@@ -75,15 +81,15 @@ def make_line_safe(line: Line, done: Callable[[StationMadeSafe], None]) -> None:
 
 
 def _one(made: StationMadeSafe) -> None:
-    """Try to reach the station for as long as it makes sense; once it was reached, what came of it stands in `made`."""
+    """Try to connect to the station until `CONNECT_S` is over; the result is in `made`."""
     means = connection.means
-    end = means.clock.monotonic() + REACHED_S
+    end = means.clock.monotonic() + CONNECT_S
     while True:
         try:
             blocking.run(make_safe(made.target, made), lambda: _open(made.target), sleep=means.sleep, clock=means.clock)
         except JbclogError as error:
             made.problem = f"{_reason(error, made.target)}; its tools may be hot: switch the station off"
-        except Exception as error:  # one station's must not be the end of the others'
+        except Exception as error:  # the other stations must still be made safe
             made.problem = f"internal error, {unexpected_error_text(error)}; its tools may be hot: switch the station off"
         if made.is_safe or made.family is not None or means.clock.monotonic() > end:
             return
@@ -100,7 +106,7 @@ def _reason(error: JbclogError, target: Target) -> str:
 
 
 def close_leases(stations: Collection[StationMadeSafe]) -> list[Path]:
-    """Tell the runs of this user that had left these stations' tools hot what was read back; give their folders."""
+    """Report the states that were read back to this user's runs that left these tools hot; return the runs' folders."""
     by_lease = partial(_seen, stations)
     return open_leases.close([made.target.url for made in stations], by_lease, is_held, "jbclog safe")
 
@@ -113,17 +119,17 @@ def _seen(stations: Collection[StationMadeSafe], lease: StationLease) -> open_le
     return open_leases.Seen(made.model, states | dict.fromkeys(made.empty), made.feeder != FeederState.RUNNING)
 
 
-# -- until all are cold -------------------------------------------------------------------------------------------------------
+# -- cooling ----------------------------------------------------------------------------------------------------------------
 
 
-def wait_until_cold(stations: Collection[StationMadeSafe], below_c: float, tell: Tell) -> float:
-    """Read the tools' temperatures until all of them are below, `COLD_WITHIN_S` at the most; the seconds that this took.
+def wait_until_cold(stations: Collection[StationMadeSafe], below_c: float, report: Report) -> float:
+    """Read the temperatures until all are below `below_c`, `COLD_WITHIN_S` at most; return the seconds that this took.
 
-    Each tool's `temperature_c` and `is_cold` stand in `stations` then. One whose temperature cannot be read is not cold. A port is
-    open only while it is read, so that nobody is kept from it.
+    Sets `temperature_c` and `is_cold` of each tool. A tool whose temperature cannot be read is not cold. A port is open only while
+    it is read, so that others can use it.
     """
     clock, waited = connection.means.clock, [made for made in stations if made.tools]
-    begun = told_at = clock.monotonic()
+    begun = reported_at = clock.monotonic()
     while True:
         _look_at_all(waited, below_c)
         warm = [
@@ -132,9 +138,9 @@ def wait_until_cold(stations: Collection[StationMadeSafe], below_c: float, tell:
         now = clock.monotonic()
         if not warm or now - begun >= COLD_WITHIN_S:
             return now - begun
-        if now - told_at >= TELL_EVERY_S:
-            told_at = now
-            tell(f"waiting for {', '.join(warm)} to be below {below_c:g} °C")
+        if now - reported_at >= REPORT_EVERY_S:
+            reported_at = now
+            report(f"waiting for {', '.join(warm)} to be below {below_c:g} °C")
         connection.means.sleep(min(COLD_EVERY_S, begun + COLD_WITHIN_S - now))
 
 
@@ -143,7 +149,7 @@ def _celsius(tool: MadeSafe) -> str:
 
 
 def _look_at_all(stations: Collection[StationMadeSafe], below_c: float) -> None:
-    """All stations at once; one whose port hangs keeps no other from being read, and is not cold."""
+    """Read all stations in parallel; a port that hangs does not hold the others, and its tools are not cold."""
     threads = [Thread(target=_look, args=(made, below_c), daemon=True) for made in stations]
     for made, thread in zip(stations, threads, strict=True):
         for tool in made.tools:
@@ -170,32 +176,32 @@ def _look(made: StationMadeSafe, below_c: float) -> None:
 # -- runs that hold the line ------------------------------------------------------------------------------------------------
 
 
-def end_runs(line: Line, tell: Tell) -> list[EndedRun]:
-    """Have the runs that hold the line's ports let go of them; `tell` is told what is being done."""
+def end_runs(line: Line, report: Report) -> list[EndedRun]:
+    """End the runs that hold the line's ports; `report` gets each step."""
     urls = [station.url for station in line.stations]
     recorders = [(folder, _Recorder(folder)) for folder in runs_that_hold(urls)]
     for folder, recorder in recorders:
-        tell(f"the run {folder} holds this line and is asked to end")
+        report(f"the run {folder} holds this line and gets SIGTERM")
         recorder.send(signal.SIGTERM)
-    end = time.monotonic() + ASKED_S
-    return [EndedRun(folder, _end(folder, recorder, urls, end, tell)) for folder, recorder in recorders]
+    end = time.monotonic() + TERM_S
+    return [EndedRun(folder, _end(folder, recorder, urls, end, report)) for folder, recorder in recorders]
 
 
-def _end(folder: Path, recorder: _Recorder, urls: Collection[str], end: float, tell: Tell) -> str:
+def _end(folder: Path, recorder: _Recorder, urls: Collection[str], end: float, report: Report) -> HowEnded:
     if _lets_go(folder, recorder, urls, end - time.monotonic()):
-        how = ASKED
+        how = HowEnded.ASKED
     else:
-        tell(f"the run {folder} has not let go of the line after {ASKED_S:g} s and is ended")
+        report(f"the run {folder} has not released the line after {TERM_S:g} s and is killed")
         recorder.send(signal.SIGKILL)
-        how = KILLED if recorder.is_gone_within(KILLED_S) else REFUSED
+        how = HowEnded.KILLED if recorder.is_gone_within(KILLED_S) else HowEnded.REFUSED
     if recorder.is_gone_within(0.0):
-        with suppress(RecordError):  # which is told with each station that it still holds
+        with suppress(RecordError):  # reported with each station that it still holds
             await_guard(folder, GUARD_S)
     return how
 
 
 def _lets_go(folder: Path, recorder: _Recorder, urls: Collection[str], seconds: float) -> bool:
-    """Whether the run gives up the ports, or ends, within `seconds`; sealing its record may take it longer."""
+    """Return whether the run releases the ports, or ends, within `seconds`; sealing its record may take longer."""
     end = time.monotonic() + seconds
     while not recorder.is_gone_within(LOOK_S):
         if not holds(folder, urls):
@@ -206,7 +212,7 @@ def _lets_go(folder: Path, recorder: _Recorder, urls: Collection[str], seconds: 
 
 
 class _Recorder:
-    """The process that records the run in `folder`, by a descriptor: its number may be given to another."""
+    """The process that records the run in `folder`, by a descriptor: its process id may be reused."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -215,11 +221,11 @@ class _Recorder:
         if self._pid is not None:
             with suppress(AttributeError, OSError):
                 self._descriptor = os.pidfd_open(self._pid)
-            if recorder_of(folder) != self._pid:  # it ended before it was held
+            if recorder_of(folder) != self._pid:  # it ended before it was opened
                 self._pid = self._descriptor = None
 
     def send(self, number: signal.Signals) -> None:
-        with suppress(OSError):  # gone already, or not ours: that shows in who holds the ports
+        with suppress(OSError):  # ended already, or of another user: who holds the ports shows it
             if self._descriptor is not None:
                 signal.pidfd_send_signal(self._descriptor, number)
             elif self._pid is not None and recorder_of(self._folder) == self._pid:

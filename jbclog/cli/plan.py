@@ -39,7 +39,7 @@ def plan(
     for text in made.notes:
         note(f"note: {text}")
     if as_json:
-        on_missing = "continue" if made.goes_on_without else "stop"
+        on_missing = "continue" if made.starts_without_missing else "stop"
         tell_json(
             {"line": made.line.name, "on_missing": on_missing, "stations": [_facts(station, made) for station in made.stations]}
         )
@@ -104,7 +104,7 @@ SUCTION = {"keep": "keep suction as it is", "on": "switch suction on", "off": "s
 
 
 def _start_text(made: Plan) -> str:
-    if made.goes_on_without:
+    if made.starts_without_missing:
         return "A station that is missing or refuses at the start is left out; the verdict is then at best ACCEPT WITH DEVIATIONS."
     return "All start together: if one is missing or refuses, none starts (--allow-missing starts without it)."
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.app.audit.timers import HARDENED
-from jbclog.app.safe_state import ASKED_S, DONE_S, GUARD_S, KILLED_S
+from jbclog.app.safe_state import DONE_S, GUARD_S, KILLED_S, TERM_S
 from jbclog.guard.supervisor import TAKEN_OVER_S
 from support.readers.command_line import wrong
 from support.readers.unit_file import UNIT, analyzed, command, exposed, unit
@@ -31,7 +31,7 @@ def test_guard_and_safe_have_time_enough_and_are_not_killed() -> None:
     service = unit()["Service"]
     assert service["KillMode"] == "control-group"  # `mixed` kills the guard as soon as the recorder is dead
     assert "SendSIGKILL" not in service
-    assert float(service["TimeoutStopSec"]) > max(TAKEN_OVER_S, ASKED_S + KILLED_S + GUARD_S + DONE_S)
+    assert float(service["TimeoutStopSec"]) > max(TAKEN_OVER_S, TERM_S + KILLED_S + GUARD_S + DONE_S)
 
 
 def test_nothing_begins_to_heat_by_itself() -> None:

@@ -89,7 +89,7 @@ def test_a_run_is_not_disturbed_by_either(bench: Bench, tmp_path: Path) -> None:
         assert scan.returncode == 1
         assert (port["findings"][0]["kind"], port["questions"]) == ("port.busy", 0)
         (folder,) = (tmp_path / "runs").iterdir()
-        assert f"belongs to the run {folder}" in port["findings"][0]["what"]
+        assert f"is held by the run {folder}" in port["findings"][0]["what"]
         doctor = json.loads(jbclog("doctor", "--line", line, "--out", tmp_path, "--json").stdout)
         looked = {one["where"]: one for one in doctor["looked"]}
         assert looked["ucr-1"]["kind"] == "port.run"

@@ -1,9 +1,8 @@
-"""The numbers that a run is to end with: watched while it goes on, and what came of them.
+"""Ends a run when it has recorded the requested number of units or joints.
 
-Units are counted by the feed of serials (`unit_feed`). Joints are found by a process beside the recorder (`joint_counting`) in
-what is recorded, as `Run.joints` finds them afterwards, and counted over all stations; what was not recorded counts for nothing,
-and what cannot be counted ends no run. The run ends when either number is there, some seconds after the last joint. What the
-manifest says of joints is counted once more in the whole sealed record.
+The feed of serials (`unit_feed`) counts units. A process beside the recorder (`joint_counter`) counts joints of all stations in
+the recorded data, as `Run.joints` does afterwards. If the joints cannot be counted, they end no run. The run ends at the first
+number reached, some seconds after the last joint. The manifest has the joints counted once more in the whole sealed record.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ LOOK_EVERY_S: Final = 1.0
 LAST_COUNT_S: Final = 120.0
 KILL_S: Final = 0.5
 
-Tell = Callable[[str, str, Severity, float | None], None]
+Note = Callable[[str, str, Severity, float | None], None]
 """Kind, text, severity, value."""
 
 
@@ -34,7 +33,7 @@ class Uncounted(Exception):
 
 
 class JointCount:
-    """The process that counts the joints of the run in `folder`. Raises `Uncounted` where there is none, or not any more."""
+    """The process that counts the joints of the run in `folder`. Raises `Uncounted` if it cannot start or has ended."""
 
     def __init__(self, folder: Path, wanted: int) -> None:
         command = [sys.executable, "-P", "-m", "jbclog.app.run.joint_counter", str(folder), str(wanted)]
@@ -44,7 +43,7 @@ class JointCount:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
-                start_new_session=True,  # Ctrl-C ends the run in good order, and it is counted then
+                start_new_session=True,  # after Ctrl-C the run still needs its last count
                 bufsize=0,
             )
         except OSError as error:
@@ -56,12 +55,12 @@ class JointCount:
         self._rest = b""
 
     def look(self) -> int | None:
-        """What it counted last, None where it counted nothing since this was last asked. Never waits. Raises `Uncounted`."""
-        told = [self._number(line) for line in self._lines()]
-        return told[-1] if told else None
+        """Return the latest count, None if there is no new one. Never waits. Raises `Uncounted`."""
+        counts = [self._number(line) for line in self._lines()]
+        return counts[-1] if counts else None
 
     def last(self) -> int:
-        """The joints in the sealed record. Waits for it, `LAST_COUNT_S` at the most. Raises `Uncounted`."""
+        """Return the joints in the sealed record; waits `LAST_COUNT_S` at most. Raises `Uncounted`."""
         try:
             self._asking.write(b"\n")
             while True:
@@ -77,7 +76,6 @@ class JointCount:
             self.close()
 
     def close(self) -> None:
-        """End it."""
         self._process.kill()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(KILL_S)
@@ -103,19 +101,19 @@ class JointCount:
 
 
 class Goals:
-    """What a run is to end with. `end` is called once, with why, when one of them is reached; `tell` with what is to be known."""
+    """The goals of a run. Calls `end` once, with the reason, when one of them is reached; `note` with events for the record."""
 
-    def __init__(self, goals: Sequence[Goal], tell: Tell, end: Callable[[str], None], units: UnitFeed | None) -> None:
+    def __init__(self, goals: Sequence[Goal], note: Note, end: Callable[[str], None], units: UnitFeed | None) -> None:
         self.is_met = False
         self._goals = list(goals)
-        self._tell = tell
+        self._note = note
         self._end = end
         self._units = units
         self._counter: JointCount | None = None
         self._joints: int | None = None
 
     def begin(self, folder: Path) -> None:
-        """To be called when the record is begun."""
+        """Start to count. Call it when the record has begun."""
         for goal in self._goals:
             if goal.what == JOINTS:
                 try:
@@ -124,7 +122,7 @@ class Goals:
                     self._cannot_count(why)
 
     def look(self) -> None:
-        """To be called each second or so. Returns at once."""
+        """Check the goals. Call it about once a second; never waits."""
         try:
             found = None if self._counter is None else self._counter.look()
         except Uncounted as why:
@@ -134,16 +132,16 @@ class Goals:
         if not self.is_met:
             self._end_when_met()
 
-    def come(self, goal: Goal) -> int | None:
-        """How many there are so far, as far as is known."""
+    def count(self, goal: Goal) -> int | None:
+        """Return the latest count for a goal, None if unknown."""
         return self._joints if goal.what == JOINTS else self._finished
 
     def reached(self) -> list[Goal]:
-        """What came of them, once the record is sealed. Waits for the joints to be counted."""
+        """Return the goals with their results, once the record is sealed. Waits until the joints are counted."""
         return [self._joints_reached(goal) if goal.what == JOINTS else self._units_reached(goal) for goal in self._goals]
 
     def close(self) -> None:
-        """Count no more."""
+        """Stop counting."""
         if self._counter is not None:
             self._counter.close()
             self._counter = None
@@ -154,22 +152,22 @@ class Goals:
 
     def _end_when_met(self) -> None:
         for goal in self._goals:
-            count = self.come(goal)
+            count = self.count(goal)
             if count is not None and count >= goal.wanted:
                 self.is_met = True
-                text = _told(goal, count, so_far=goal.what == JOINTS)
-                self._tell("run.goal", f"{text}; the run ends.", Severity.INFO, count)
+                text = _count_text(goal, count, so_far=goal.what == JOINTS)
+                self._note("run.goal", f"{text}; the run ends.", Severity.INFO, count)
                 self._end(text)
                 return
 
     def _cannot_count(self, why: Uncounted) -> None:
         self.close()
         text = f"The joints of this run cannot be counted any more ({why}); it will not be ended by their number."
-        self._tell("run.uncounted", text, Severity.WARNING, self._joints)
+        self._note("run.uncounted", text, Severity.WARNING, self._joints)
 
     def _units_reached(self, goal: Goal) -> Goal:
         on_bench = self._units.on_bench_at_end if self._units is not None and self._finished < goal.wanted else None
-        text = f"{_told(goal, self._finished)}."
+        text = f"{_count_text(goal, self._finished)}."
         text += f" Unit {on_bench} was on the bench when the run ended." if on_bench else ""
         return replace(goal, reached=self._finished, text=text)
 
@@ -182,10 +180,10 @@ class Goals:
             return replace(goal, text=f"How many joints there are could not be counted: {why}.")
         finally:
             self._counter = None
-        return replace(goal, reached=count, text=f"{_told(goal, count)}.")
+        return replace(goal, reached=count, text=f"{_count_text(goal, count)}.")
 
 
-def _told(goal: Goal, count: int, *, so_far: bool = False) -> str:
-    """`so_far`: found in what was recorded until then, which the whole record may not bear out."""
+def _count_text(goal: Goal, count: int, *, so_far: bool = False) -> str:
+    """Format a count. `so_far`: provisional, the sealed record may have fewer."""
     done = "finished" if goal.what == UNITS else "found so far (provisional)" if so_far else "found"
     return f"{goal.what.capitalize()} {done}: {count}, wanted: {goal.wanted}"

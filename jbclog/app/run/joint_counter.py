@@ -1,13 +1,13 @@
-"""Counts the joints of a run that goes on, beside its recorder: ``python -m jbclog.app.run.joint_counter RUN``.
+"""Counts the joints of a run beside its recorder: ``python -m jbclog.app.run.joint_counter RUN WANTED``.
 
-They are found as `Run.joints` finds them afterwards, in the record as far as it is committed. That takes pandas, and more
-computing than a recorder has to spare, so it is a process of its own, of the lowest priority, which only reads.
+It finds them as `Run.joints` does, in the committed part of the record. That needs pandas and more computing time than a
+recorder has, so it is a process of lowest priority that only reads.
 
-It writes a line for each look: how many joints have ended. A joint that ended less than `ENDED_S` before its port's last row may
-not have. Asked for the last count (a line on stdin), it counts all that is in the sealed record, writes ``= N``, and ends. It ends
-as well when its stdin is closed: nobody waits for it then. Where it cannot count it writes ``! why`` and ends.
+It writes a line for each count: how many joints have ended. A joint that ended less than `ENDED_S` before its port's last row
+is not counted yet. After a line on stdin it counts all joints in the sealed record, writes ``= N``, and ends. It also ends when
+stdin is closed. If it cannot count, it writes ``! why`` and ends.
 
-The next look waits as long as the joints that are missing take at the least, and `REST` times as long as the last one took.
+The next count waits for the least time that the missing joints take, and at least `REST` times as long as the last count took.
 """
 
 from __future__ import annotations
@@ -31,46 +31,46 @@ LEAST_PAUSE_S, MOST_PAUSE_S = 1.0, 60.0
 LEAST_JOINT_S: Final = 0.5
 REST: Final = 9
 NICENESS: Final = 19
-BEGIN_S: Final = 5.0  # before there can be anything to find
+BEGIN_S: Final = 5.0  # before the first joint is possible
 STDIN: Final = 0
 
 
 def pause_s(missing: int, ports: int, took_s: float) -> float:
-    """How long to wait before the next look can find all that are missing."""
+    """Return how long to wait until all missing joints can have been made."""
     soonest = LEAST_JOINT_S * missing / max(ports, 1)
     return max(min(max(soonest, LEAST_PAUSE_S), MOST_PAUSE_S), REST * took_s)
 
 
 def main(arguments: list[str]) -> int:
-    """The process. `arguments`: the run's folder, and how many joints are wanted."""
+    """Run the process. `arguments`: the run's folder, and the wanted number of joints."""
     folder, wanted = Path(arguments[0]), int(arguments[1])
     os.nice(NICENESS)
-    pa.set_cpu_count(1)  # beside a recorder that needs its cores
+    pa.set_cpu_count(1)  # the recorder needs the cores
     pa.set_io_thread_count(1)
-    warnings.simplefilter("ignore")  # of damage: what is not there is not counted
+    warnings.simplefilter("ignore")  # of damage: missing data is not counted
     try:
-        asked = _look_on(folder, wanted)
-        if asked:
-            _say(f"= {joint_count(open_run(folder))}")
-    except Exception as error:  # whatever it is, the recorder says it and goes on
-        _say(f"! {error}" if isinstance(error, RecordError) else f"! internal error, {unexpected_error_text(error)}")
+        is_asked = _count_until_asked(folder, wanted)
+        if is_asked:
+            _write(f"= {joint_count(open_run(folder))}")
+    except Exception as error:  # the recorder notes the reason and continues
+        _write(f"! {error}" if isinstance(error, RecordError) else f"! internal error, {unexpected_error_text(error)}")
     return 0
 
 
-def _look_on(folder: Path, wanted: int) -> bool:
-    """Look until somebody asks for the last count; False where nobody will."""
+def _count_until_asked(folder: Path, wanted: int) -> bool:
+    """Count until a line on stdin asks for the last count; False if stdin was closed."""
     pause = BEGIN_S
     while True:
         if select.select([STDIN], [], [], pause)[0]:
             return bool(os.read(STDIN, 1))
         began, run = time.monotonic(), open_run(folder)
         count = joint_count(run, ENDED_S)
-        _say(str(count))
+        _write(str(count))
         ports = sum(len(facts.ports) for facts in run.manifest.stations)
         pause = pause_s(wanted - count, ports, time.monotonic() - began)
 
 
-def _say(text: str) -> None:
+def _write(text: str) -> None:
     sys.stdout.write(" ".join(text.split()) + "\n")
     sys.stdout.flush()
 

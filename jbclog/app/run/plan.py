@@ -1,7 +1,7 @@
-"""From files and options to what each station is to do: the composition root of a run.
+"""Plans a run from files and options.
 
-`make_plan` reads the line file and the recipes, checks everything that can be known without sending a byte, and says
-all that is wrong at once. `orders` turns a plan into what `session` is told.
+`make_plan` reads the line file and the recipes and checks everything that can be checked without sending a byte; it reports all
+mistakes at once. `station_tasks` turns a plan into the tasks of the sessions.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from jbclog.session.run.pace import asked_rate, rate_problem, readings_for, resp
 from jbclog.session.scheduler import Demand
 
 WORK = ("working", "on")  # statuses that heat
-PORTS = (1, 2, 3, 4)  # that any station can have
-ANSWERING_PORTS = (1,)  # what is reckoned with where only the station knows its ports
+PORTS = (1, 2, 3, 4)  # of any station
+ANSWERING_PORTS = (1,)  # assumed if only the station knows its ports
 NOT_BESIDE_REPLAY = (
-    "may be a real station, which must not be asked at the pace of [replay]: only `jbclog replay` writes that table, with urls "
-    "below the file's own folder or on this machine; take it out"
+    "may be a real station, which must not run with the timing of [replay]: only `jbclog replay` writes that table, with urls "
+    "below the file's own folder or on this machine; remove it"
 )
 PSEUDO_TERMINALS = ("/dev/pts/", "/dev/ttys")
 
 
 @dataclass(frozen=True, slots=True)
 class Metadata:
-    """What the people who start a run say of it."""
+    """What the user states about a run."""
 
     operator: str | None = None
     order: str | None = None
@@ -46,15 +46,15 @@ class Metadata:
     wire_lots: tuple[str, ...] = ()
     flux_lots: tuple[str, ...] = ()
     tips: tuple[str, ...] = ()
-    reads_units: bool = False  # serials of units are read while the run goes on
+    reads_units: bool = False  # serials are read during the run
 
     def missing(self, required: Sequence[str]) -> list[str]:
-        """Which of the recipe's required names were not given, as options of the command line."""
+        """Return the required names that were not given, as options of the command line."""
         given: dict[str, object] = {"operator": self.operator, "order": self.order, "product": self.product}
         given |= {"unit": self.units or self.reads_units, "tip": self.tips}
         given |= {"wire_lot": self.wire_lots, "flux_lot": self.flux_lots}
-        told = {**given, **{f"tag.{name}": value for name, value in self.tags.items()}}
-        return [_option(name) for name in required if not told.get(name)]
+        given_or_tags = {**given, **{f"tag.{name}": value for name, value in self.tags.items()}}
+        return [_option(name) for name in required if not given_or_tags.get(name)]
 
 
 def _option(name: str) -> str:
@@ -63,12 +63,11 @@ def _option(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """What was asked for on the command line. `rate` is Hz, ``auto``, ``fit``, ``max``, or None for the recipe's.
+    """The options of a run. `rate` is Hz, ``auto``, ``fit``, ``max``, or None for the recipe's.
 
-    `metadata` is None where nobody was asked yet, as in a dry run. `wire`: what passes over the wires is kept, too.
-    `allow_missing`: stations that do not start are left out. `guard`: a guard makes the tools safe if the recorder dies.
-    The run ends with so many finished units, with so many joints of all its
-    stations together, or after `duration_s`, whichever comes first; without any of them when it is told to.
+    `metadata` is None in a dry run, where nobody was asked yet. `wire`: keep a serial capture. `allow_missing`: leave out stations
+    that do not start. `guard`: a guard makes the tools safe if the recorder dies. The run ends after so many finished units, joints
+    of all stations, or `duration_s`, whichever comes first; without any of them when the user ends it.
     """
 
     line: Path
@@ -85,7 +84,7 @@ class RunOptions:
     until_joints: int | None = None
 
     def goals(self) -> list[Goal]:
-        """The numbers that the run is to end with."""
+        """Return the numbers at which the run ends."""
         return [Goal(what, count) for what, count in ((UNITS, self.until_units), (JOINTS, self.until_joints)) if count is not None]
 
     @property
@@ -96,7 +95,7 @@ class RunOptions:
 
 @dataclass(frozen=True, slots=True)
 class StationPlan:
-    """One station of a plan. `family` is None for "auto", `ports` those that are reckoned with."""
+    """One station of a plan. `family` is None for "auto". `ports` are the assumed ones."""
 
     spec: StationSpec
     family: Family | None
@@ -108,22 +107,22 @@ class StationPlan:
 
     @property
     def turnaround_s(self) -> float:
-        """What the line file says, or none (docs/reference/configuration.md)."""
+        """The response time of the line file, or 0 (docs/reference/configuration.md)."""
         return (self.spec.turnaround_ms or 0.0) / 1000
 
     @property
     def slowest_s(self) -> float | None:
-        """The longest turnaround that the family's manual prints, in seconds; None where it prints none."""
+        """The longest response time in the family's manual, in seconds; None if it prints none."""
         return None if self.family is None or self.family.turnaround_ms is None else self.family.turnaround_ms[1] / 1000
 
     @property
     def asked_rate(self) -> float | str:
-        """What is asked for, by `--rate` or the recipe: Hz, ``auto``, ``fit`` or ``max``."""
+        """The requested rate, by `--rate` or the recipe: Hz, ``auto``, ``fit`` or ``max``."""
         return asked_rate(self.rate, self.recipe, self.family)
 
     @property
     def rate_hz(self) -> float | None:
-        """The rate that comes of it with the turnaround that is assumed; 0.0 where none fits, None without pause or unknown."""
+        """The resulting rate at the assumed response time; 0.0 if none fits, None without pauses or if unknown."""
         asked = self.asked_rate
         if not isinstance(asked, str):
             return asked
@@ -133,7 +132,7 @@ class StationPlan:
         return taken_rate_hz(asked, self.recipe, self.family, self.demand, assumed)
 
     def writes(self) -> list[Setting]:
-        """Every setting that the recipe asks of this station, in order; those that already hold will not be written."""
+        """Return every setting of the recipe for this station, in order; those already in place will not be written."""
         if self.family is None:
             return []
         found = station_settings_for(self.recipe, self.family)
@@ -142,17 +141,17 @@ class StationPlan:
         return found
 
     def condition(self) -> ConditionRecord | None:
-        """The solder condition that the recipe asks of this station: read, compared, and written only with leave."""
+        """Return the solder condition of the recipe: read, compared, and written only if allowed."""
         return None if self.family is None else condition_of(self.recipe, self.family)
 
     def skipped(self) -> list[str]:
-        """What of the recipe this station does not have."""
+        """Return the keys of the recipe that this station does not have."""
         return [] if self.family is None else foreign_keys(self.recipe, self.family, self.spec.ports or self.family.ports)
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What a run will do, before a byte is sent."""
+    """A checked run, before a byte is sent."""
 
     line: Line
     stations: tuple[StationPlan, ...]
@@ -160,22 +159,22 @@ class Plan:
 
     @property
     def recipes(self) -> dict[str, Recipe]:
-        """The recipes that run, by their file's name in the run's folder."""
+        """The recipes by their file name in the run's folder."""
         return {station.recipe_file: station.recipe for station in self.stations}
 
     @property
-    def goes_on_without(self) -> bool:
-        """Whether the run starts without a station that is missing or refuses. Recipes must all say so, or the option."""
+    def starts_without_missing(self) -> bool:
+        """Whether the run starts without a station that is missing or refuses: all recipes say so, or the option does."""
         return self.wanted.allow_missing or all(one.recipe.run.on_missing == "continue" for one in self.stations)
 
     @property
     def notes(self) -> list[str]:
-        """What is in order, and may not be what was meant, or what was hoped for."""
+        """Notes on settings that are valid and may not be intended."""
         plain = [*self._without_safe_state(), *self._not_put_to_work(), *self._differing_on_missing()]
         return [*plain, *self._not_printed(), *self._asked_later()]
 
     def _not_printed(self) -> Iterator[str]:
-        """Values beyond a limit that is another manual's, and units that are: once for each key of a station's recipe."""
+        """Yield limits and units inferred from another manual, once for each key of a station's recipe."""
         for station in self.stations:
             manual = "" if station.family is None else station.family.manual
             for key, one in {one.key: one for one in station.writes()}.items():
@@ -186,17 +185,17 @@ class Plan:
 
     def _differing_on_missing(self) -> Iterator[str]:
         asked = {one.recipe_file: one.recipe.run.on_missing for one in self.stations}
-        if not self.goes_on_without and "continue" in asked.values():
+        if not self.starts_without_missing and "continue" in asked.values():
             stop = ", ".join(name for name, word in asked.items() if word == "stop")
-            yield f'on_missing = "continue" has no effect, for {stop} asks "stop": the run starts with all stations or not at all'
+            yield f'on_missing = "continue" has no effect, because {stop} has "stop": the run starts with all stations or not at all'
 
     def _without_safe_state(self) -> Iterator[str]:
         for station in self.stations:
             if station.family is not None and not station.family.safe_states:
-                yield f"{station.spec.name} has no safe state that could be ordered: it is left as it is, whatever happens"
+                yield f"{station.spec.name} has no safe state that can be set: it stays as it is, whatever happens"
 
     def _not_put_to_work(self) -> Iterator[str]:
-        """Recipes that set a temperature and leave it to others to put the tools to work."""
+        """Yield recipes that set a temperature without a status that heats."""
         for name, recipe in self.recipes.items():
             heats = any(one.family is None or one.family.run_statuses for one in self.stations if one.recipe is recipe)
             status, acceptance = recipe.run.status, recipe.acceptance
@@ -206,7 +205,7 @@ class Plan:
             ordered = "no [run] status" if status is None else f'[run] status = "{status}"'
             then = "a cold tool is recorded" if acceptance is None else "the verdict is INCONCLUSIVE"
             yield (
-                f"{name} sets a temperature and has {ordered}: the run puts no tool to work, and where nobody else does, {then}; "
+                f"{name} sets a temperature and has {ordered}: the run heats no tool, and if nobody else does, {then}; "
                 'status = "working" (hot air: "on") heats'
             )
 
@@ -215,16 +214,16 @@ class Plan:
         for recipe in recipes.values():
             missing = Metadata().missing(recipe.metadata.required)
             if missing:
-                yield f"{recipe.path.name} requires {' '.join(missing)}: to be given to `run`"
+                yield f"{recipe.path.name} requires {' '.join(missing)}: give it to `run`"
 
 
 def make_plan(wanted: RunOptions) -> Plan:
-    """Read and check everything. Raises `Problems` or `UsageError` with all that is wrong (exit 2)."""
+    """Read and check everything. Raises `Problems` or `UsageError` with all mistakes (exit 2)."""
     problems: list[Problem] = []
     line = _load_line(wanted, problems)
     recipes = _load_recipes(wanted, line, problems)
     if [problem.text for problem in problems] == [IS_A_RECIPE, IS_A_LINE]:
-        raise UsageError(f"{wanted.line} is a recipe and {wanted.recipe} a line file: give them the other way round")
+        raise UsageError(f"{wanted.line} is a recipe and {wanted.recipe} a line file: swap them")
     if line is None or problems:
         raise Problems(problems)
     chosen = _chosen(line, wanted)
@@ -239,8 +238,8 @@ def make_plan(wanted: RunOptions) -> Plan:
     return Plan(line, _with_file_names(stations), wanted)
 
 
-def orders(plan: Plan, t0: float) -> Iterator[StationTask]:
-    """What each session is told; `t0` is the run's zero, monotonic seconds."""
+def station_tasks(plan: Plan, t0: float) -> Iterator[StationTask]:
+    """Yield each session's task; `t0` is the run's zero, monotonic seconds."""
     for station in plan.stations:
         spec = station.spec
         yield StationTask(
@@ -261,7 +260,7 @@ def orders(plan: Plan, t0: float) -> Iterator[StationTask]:
             rated_power_w=spec.rated_power_w,
             allow_omega_write=plan.wanted.allow_omega_write,
             model=spec.model,
-            may_be_missing=plan.goes_on_without,
+            may_be_missing=plan.starts_without_missing,
         )
 
 
@@ -277,7 +276,7 @@ def _load_line(wanted: RunOptions, problems: list[Problem]) -> Line | None:
 
 
 def _load_recipes(wanted: RunOptions, line: Line | None, problems: list[Problem]) -> dict[str, Recipe]:
-    """Each station's recipe by the station's name: its own, or the one given. A file is read once."""
+    """Return each station's recipe by the station's name: its own, or the given one. Reads a file once."""
     read: dict[Path, Recipe | None] = {}
     found: dict[str, Recipe] = {}
 
@@ -291,7 +290,7 @@ def _load_recipes(wanted: RunOptions, line: Line | None, problems: list[Problem]
         return read[path]
 
     if wanted.recipe is not None:
-        recipe_at(wanted.recipe)  # read even where no station needs it: what is wrong in it is said
+        recipe_at(wanted.recipe)  # also if no station uses it, to report its mistakes
     for spec in line.stations if line else ():
         path = spec.recipe or wanted.recipe
         recipe = None if path is None else recipe_at(path)
@@ -309,7 +308,7 @@ def _chosen(line: Line, wanted: RunOptions) -> list[StationSpec]:
 
 
 def station_plan(spec: StationSpec, recipe: Recipe, wanted: RunOptions, replay: Replay | None = None) -> StationPlan:
-    """What `wanted` means for one station with its recipe. A recorded run is sampled at its own rate where none is wanted."""
+    """Return the plan of one station. A replayed run uses its own rate if none is requested."""
     rate = replay.rate_hz.get(spec.name) if replay is not None and wanted.rate is None else wanted.rate
     family = None if spec.family == "auto" else FAMILIES[spec.family]
     ports = spec.ports or (family.ports if family else None) or ANSWERING_PORTS
@@ -320,7 +319,7 @@ def station_plan(spec: StationSpec, recipe: Recipe, wanted: RunOptions, replay: 
 
 
 def _with_file_names(stations: tuple[StationPlan, ...]) -> tuple[StationPlan, ...]:
-    """Recipes from different folders may have the same file name; in the run's folder each has its own."""
+    """Give each recipe its own file name in the run's folder: files of different folders may have the same name."""
     names: dict[Path, str] = {}
     for station in stations:
         path, name, number = station.recipe.path, station.recipe.path.name, 2
@@ -332,23 +331,23 @@ def _with_file_names(stations: tuple[StationPlan, ...]) -> tuple[StationPlan, ..
     )
 
 
-# -- what can be known to be wrong ----------------------------------------------------------------------------------------------
+# -- checks --------------------------------------------------------------------------------------------------------------------
 
 
 def _without_recipe(line: Line, chosen: list[StationSpec], recipes: dict[str, Recipe]) -> Iterator[Problem]:
     for spec in chosen:
         if spec.name not in recipes:
             yield Problem(
-                str(line.path), None, f"station {spec.name}", "has no recipe: name one on the command line or in the file"
+                str(line.path), None, f"station {spec.name}", "has no recipe: give one on the command line or in the file"
             )
 
 
 def _unused(line: Line, chosen: list[StationSpec], wanted: RunOptions) -> Iterator[Problem]:
-    """A recipe that was asked for and would not run: heating by another one is not what was meant."""
+    """Yield a given recipe that no station would use: the user expects it to be applied."""
     own = [os.path.realpath(spec.recipe) for spec in chosen if spec.recipe is not None]
     if wanted.recipe is not None and len(own) == len(chosen) and os.path.realpath(wanted.recipe) not in own:
         text = (
-            f"would be used by no station: each that runs names a recipe of its own in {line.path}; leave it out, or choose others"
+            f"is used by no station: each one that runs has its own recipe in {line.path}; leave it out, or choose other stations"
         )
         yield Problem(str(wanted.recipe), None, "", text)
 
@@ -370,7 +369,7 @@ def _mismatches(line: Line, station: StationPlan) -> Iterator[Problem]:
 
 
 def _beside_replay(line: Line, spec: StationSpec) -> Iterator[Problem]:
-    """[replay] makes the recorder's time go at another pace, its patience with it: no real station may be asked so."""
+    """Yield stations that may be real, because [replay] changes the timing of the recorder."""
     place, leads_to = f"station {spec.name}", Path(os.path.realpath(spec.url)) if spec.is_device else Path()
     if not is_served_here(spec.written_url):
         yield Problem(str(line.path), None, place, f"its url {spec.written_url} {NOT_BESIDE_REPLAY}")
@@ -386,22 +385,22 @@ def _missing_metadata(stations: Sequence[StationPlan], wanted: RunOptions) -> It
 
 
 def _out_of_reach(stations: Sequence[StationPlan], wanted: RunOptions) -> Iterator[Problem]:
-    """A number that this run can never come to."""
+    """Yield goals that this run can never reach."""
     if wanted.until_units is not None and wanted.metadata is not None and not wanted.metadata.reads_units:
-        text = "serials are to be read while the run goes on: give --units -, a pipe or a device"
+        text = "serials must be read during the run: give --units -, a pipe or a device"
         yield Problem(f"--until-units {wanted.until_units}", None, "", text)
     if wanted.until_joints is not None and stations and all(_shows_no_joints(one.family) for one in stations):
-        text = "no station of this run has a tip whose temperature and power show joints"
+        text = "no station of this run has a tip that shows joints by temperature and power"
         yield Problem(f"--until-joints {wanted.until_joints}", None, "", text)
 
 
 def _shows_no_joints(family: Family | None) -> bool:
-    """Hot air heats without touching, and an OMEGA tells neither; of "auto" it is not known before it is asked."""
+    """Whether the station cannot show joints: hot air has no contact, OMEGA reports neither value. "auto" is not known yet."""
     return family is not None and (family.hot_part != "tip" or family.command_of("power_permille") is None)
 
 
 def _misplaced_tips(chosen: Sequence[StationSpec], wanted: RunOptions) -> Iterator[Problem]:
-    """A tip for a place that this run does not have is none that it runs with."""
+    """Yield tips for a station or port that this run does not have."""
     places = {spec.name for spec in chosen} | {f"{spec.name}:{port}" for spec in chosen for port in spec.ports or PORTS}
     for text in wanted.metadata.tips if wanted.metadata else ():
         place, equals, name = text.partition("=")

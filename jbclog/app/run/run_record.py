@@ -1,6 +1,6 @@
-"""One run's papers: its folder, the journal of what its sessions tell, the seal, the verdict, the manifest.
+"""The record of one run: its folder, journal, seal, verdict and manifest.
 
-The same for a run on real ports (`app.run.runner`) and for one that is lived through once more (`app.replay`)::
+The same for a run on real ports (`app.run.runner`) and for a reproduced one (`app.replay`)::
 
     RunRecord() -> begin -> (the sessions) -> close -> conclude
 """
@@ -22,8 +22,8 @@ from jbclog import __version__
 from jbclog.analysis.alarms import LiveAlarms
 from jbclog.analysis.verdict import RULES, Asks, Evidence, PortJoints, asks_for_joints, judge
 from jbclog.analysis.verdict.evidence import Joints
-from jbclog.app.run.plan import PORTS, Plan, StationPlan, orders
-from jbclog.app.run.plan import Metadata as Told
+from jbclog.app.run.plan import PORTS, Plan, StationPlan, station_tasks
+from jbclog.app.run.plan import Metadata as GivenMetadata
 from jbclog.core.clock import Clock, UtcOffset
 from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.core.outcome import Exit, RunFinding, exit_code, findings, status
@@ -43,9 +43,9 @@ NOT_STARTED = "The run was not started."
 
 
 class Observer(Protocol):
-    """Who looks on: the command line's progress. Nothing that it does can change the run.
+    """Shows the progress of a run, and cannot change it.
 
-    `happened` is called in a thread of the record, once the record has the event.
+    `happened` is called in a thread of the record, after the record has the event.
     """
 
     def begun(self, folder: Path) -> None: ...
@@ -59,7 +59,7 @@ class Observer(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What a run came to."""
+    """The result of a run."""
 
     folder: Path
     exit_code: Exit
@@ -68,10 +68,10 @@ class Result:
 
 
 class RunRecord:
-    """The papers of one run of `plan`, in a new folder below `out`. Times are those of `clock`.
+    """The record of one run of `plan`, in a new folder below `out`. Times are those of `clock`.
 
-    `on_facts` is given what a session hands over, before the session goes on. `on_failure` is told, in a thread of the
-    record, when rows cannot be kept. Raises `RecordError` where the record cannot even be begun.
+    `on_facts` gets the facts of a session before the session continues. `on_failure` is called in a thread of the record when rows
+    cannot be stored. Raises `RecordError` if the record cannot begin.
     """
 
     def __init__(
@@ -95,10 +95,10 @@ class RunRecord:
         self.journal = _Tap(self._store, on_facts)
         self.manifest = replace(self._draft(), previous=previous)
         self.manifest.verifications = self._cited(out)
-        self.contexts = [SessionContext(order, self.journal, self.utc) for order in orders(plan, self.t0)]
+        self.contexts = [SessionContext(order, self.journal, self.utc) for order in station_tasks(plan, self.t0)]
 
     def begin(self) -> None:
-        """Keep what runs and begin to take rows. Raises `RecordError`; no station has been touched then."""
+        """Copy the inputs and begin to take rows. Raises `RecordError`; no station has been touched then."""
         keep_text(self.folder, "line.toml", self._plan.line.text)
         for name, recipe in self._plan.recipes.items():
             keep_text(self.folder, f"recipes/{name}", recipe.text)
@@ -110,7 +110,7 @@ class RunRecord:
         self.note("run.start", f"Run of {stations} on line {self._plan.line.name}, jbclog {__version__}.")
 
     def look(self) -> None:
-        """To be called each second: whether the disk keeps the record waiting. Returns at once."""
+        """Check whether the disk delays the record. Call it each second; never waits."""
         self._store.check_stall()
 
     def _draft(self) -> Manifest:
@@ -123,31 +123,31 @@ class RunRecord:
             t0_utc=self.t0 + self.utc.offset,
             line=LineFile(line.name, "line.toml", line.sha256),
             recipes=[RecipeFile(f"recipes/{name}", one.sha256, one.name, one.revision) for name, one in self._plan.recipes.items()],
-            metadata=_metadata(self._plan.wanted.metadata or Told()),
+            metadata=_metadata(self._plan.wanted.metadata or GivenMetadata()),
             host=_host(),
             rate=self._plan.wanted.rate,
             goals=self._plan.wanted.goals(),
         )
 
     def _cited(self, out: Path) -> list[TipCheck]:
-        """The tip verification of each port that is reckoned with; which of them there are is known when the run has ended."""
+        """Return the tip verification of each assumed port; which of them exist is known at the end."""
         places = [(one.spec.name, port) for one in self._plan.stations for port in _ports(one)]
         tips = {place: self.manifest.metadata.tip(*place) for place in places}
         return cited(out, places, tips, datetime.fromtimestamp(self.clock.utc(), UTC))
 
     def note(self, kind: str, text: str, severity: Severity = Severity.INFO, value: float | None = None) -> None:
-        """An event of the run as a whole; a critical one is kept at once."""
+        """Record an event of the whole run; a critical one at once."""
         event = EventRow(self.utc.micros(self.clock.monotonic()), kind, severity, text, value=value)
         self.journal.event(event, at_once=severity is Severity.CRITICAL)
 
     @staticmethod
     def show(show: Callable[[], None]) -> None:
-        """A terminal that is gone must not become a fault of the run."""
+        """Call the observer: a lost terminal must not fail the run."""
         with suppress(Exception):
             show()
 
     def refuse(self, why: Mapping[str, str]) -> Result:
-        """A run that is not started, with what was to run and why it does not, by station; the others were not asked."""
+        """Record a run that is not started, with the reasons by station."""
         for context in self.contexts:
             context.facts.outcome = "refused"
             context.facts.reason = why.get(context.name, f"{context.name}: not asked, for the run was not started")
@@ -155,15 +155,15 @@ class RunRecord:
         self.manifest.goals = [replace(goal, reached=0, text=NOT_STARTED) for goal in self.manifest.goals]
         self.begin()
         for context in self.contexts:
-            context.station.now = self.clock.monotonic()  # no session has told it the time
+            context.station.now = self.clock.monotonic()  # no session has set its time
             context.note("station.refused", Severity.ERROR, context.facts.reason.removeprefix(f"{context.name}: "))
             context.publish()
         return self.conclude(self.close())
 
-    # -- after the last session has ended -------------------------------------------------------------------------------------
+    # -- end ----------------------------------------------------------------------------------------------------------------
 
     def close(self) -> str | None:
-        """Close the live store and seal its rows; what the record lacks, or None."""
+        """Close the live store and seal its rows; return what the record lacks, or None."""
         self.note("run.end", "All stations have ended.")
         self._store.close()
         self.show(self.observer.sealing)
@@ -175,7 +175,7 @@ class RunRecord:
         return failure
 
     def conclude(self, record: str | None, cut_short: Exit | None = None) -> Result:
-        """Judge what is sealed, and write the manifest that is never changed again. `record` is what the record lacks."""
+        """Judge the sealed rows and write the final manifest. `record` is what the record lacks."""
         stations, manifest = [context.facts for context in self.contexts], self.manifest
         manifest.stations = stations  # in the line file's order
         there = {facts.name: facts.ports for facts in stations}
@@ -193,7 +193,7 @@ class RunRecord:
         return Result(self.folder, exit_code(found), found, self.manifest)
 
     def _left(self, error: RecordError) -> str:
-        """What went wrong, and what can be done about it."""
+        """Return what failed and what to do about it."""
         if self._store.lock.is_ours:
             return f"{error}; `jbclog recover {self.folder}` tries again"
         return f"{error}. If it was moved, `jbclog recover` finishes it where it is now; if it was deleted, nothing of it is left"
@@ -211,20 +211,20 @@ class RunRecord:
         self.manifest.verdict_rules = judgement.rules_as_dicts()
 
     def _joints(self, stations: Sequence[StationFacts]) -> Joints:
-        """The joints of the stations whose recipes have a limit about them; what it takes is loaded for these alone."""
+        """Return the joints of the stations whose recipes limit them; only these load the analysis."""
         if not stations:
             return {}
         try:
             from jbclog.analysis.joints.evidence import joint_evidence
 
             return joint_evidence(self.folder, stations, self.manifest.t0_utc)
-        except Exception as error:  # of this program; the record is concluded all the same
+        except Exception as error:  # an internal error; the record must still be concluded
             unknown = PortJoints(why=f"Its joints could not be looked for: {unexpected_error_text(error)}.")
             return {(facts.name, port): unknown for facts in stations for port in facts.ports}
 
 
 class _Tap:
-    """A journal that lets others see what passes: the alarm episodes, which add events of their own, and who wants the facts."""
+    """A journal that also passes rows to the alarm evaluation, which adds events, and facts to `on_facts`."""
 
     def __init__(self, store: LiveStore, on_facts: OnFacts | None) -> None:
         self.counter: Callable[[CounterRow], None] = store.counter
@@ -267,17 +267,17 @@ class _Tap:
 
 
 def _ports(station: StationPlan) -> Sequence[int]:
-    """Every port that it can have, where only the station knows."""
+    """Return all ports that the station can have, if only the station knows them."""
     return station.spec.ports or (station.family.ports if station.family else None) or PORTS
 
 
-def _metadata(told: Told) -> Metadata:
-    lots = list(told.wire_lots), list(told.flux_lots)
-    return Metadata(told.operator, told.order, told.product, list(told.units), dict(told.tags), *lots, list(told.tips))
+def _metadata(given: GivenMetadata) -> Metadata:
+    lots = list(given.wire_lots), list(given.flux_lots)
+    return Metadata(given.operator, given.order, given.product, list(given.units), dict(given.tags), *lots, list(given.tips))
 
 
 def _host() -> dict[str, str]:
-    """Where this runs and with which versions."""
+    """Return host, user and versions."""
     found = {
         "name": socket.gethostname(),
         "system": platform.platform(),

@@ -1,11 +1,10 @@
-"""One run on real ports, from its folder to its exit code, whoever asked for it.
+"""Carries out one run on real ports, from its folder to its exit code.
 
 ::
 
     RunRecord -> Reactor(run_station × n) -> close -> seal -> judge -> manifest
 
-Nothing is sent to any station before the record is known to take writes; the tools are in their safe state before the
-record is closed.
+Nothing is sent to a station before the record takes writes; the tools are in their safe state before the record is closed.
 """
 
 from __future__ import annotations
@@ -52,15 +51,15 @@ from jbclog.transport.typed_lines import LineSource
 
 # -- runner -------------------------------------------------------------------------------------------------------------------
 
-GUARDED, NO_GUARD, GUARD_LOST = "on", "none", "lost"  # what the manifest says of it
-RUNNING = "running"  # the outcome of a session that has not ended
-FIRST_PROCESS = 1  # of a container, with which the system ends all others of it
+GUARDED, NO_GUARD, GUARD_LOST = "on", "none", "lost"  # values in the manifest
+RUNNING = "running"  # outcome of a session in progress
+FIRST_PROCESS = 1  # of a container; the system ends all other processes with it
 OF_A_CONTAINER = (
     "This recorder is the first process of its container: whatever kills it ends its guard with it. Start the container with an "
     "init process (`docker run --init`)."
 )
-LOOK_EVERY_S = 1.0  # at the wall clock, at progress
-LOOK_AT_PORTS_EVERY_S = 10.0  # who else has them open
+LOOK_EVERY_S = 1.0
+LOOK_AT_PORTS_EVERY_S = 10.0  # for other programs that have them open
 FREEZING = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 CUT_SHORT = {signal.SIGINT: Exit.INTERRUPTED, signal.SIGTERM: Exit.TERMINATED, signal.SIGHUP: Exit.TERMINATED}
 
@@ -75,29 +74,28 @@ def conduct(
     is_last: bool = False,
     units: LineSource | None = None,
 ) -> Result:
-    """Run `plan` and record it below `out`. `missed` gives how much of what `observer` was told nobody could see.
+    """Run `plan` and record it below `out`. `missed` returns how many notes the observer could not show.
 
     SIGINT, SIGTERM and SIGHUP (not under `nohup`) end the run in good order, from the first moment on; a second one, or one while
-    sealing, changes nothing. Ctrl-Z and a terminal's job control would freeze it, with its tools hot, and have its guard end it:
-    they do nothing.
-    With `is_last` all that this process does afterwards is to say what came of it, and no signal ends that early.
+    sealing, has no effect. Ctrl-Z and a terminal's job control have no effect: a stopped recorder would leave its tools hot. With
+    `is_last` the process only shows the result afterwards, and no signal ends that early.
 
-    Serials of units are read from `units` while it goes on.
+    Serials of units are read from `units` during the run.
 
-    A run that cannot be started, because another one holds a port or there is no process for its guard, is recorded as such.
-    Raises `RecordError` where the record cannot even be begun.
+    A run that cannot start, because another one holds a port or there is no process for its guard, is recorded as such. Raises
+    `RecordError` if the record cannot begin.
     """
     with Signals(heard(), FREEZING, stay_ignored=is_last) as signals:
         held = why_held({station.spec.name: station.spec.url for station in plan.stations})
         if held:
             return RunRecord(plan, out, observer, SystemClock()).refuse(held)
-        return _kept_to_the_end(_Run(plan, out, observer, seal_every_s, missed, units), out, signals)
+        return _conduct(_Run(plan, out, observer, seal_every_s, missed, units), out, signals)
 
 
-def _kept_to_the_end(run: _Run, out: Path, signals: Signals) -> Result:
-    """Conduct `run`. What the system refuses at its end (a file, room in one) leaves a record that is not finished.
+def _conduct(run: _Run, out: Path, signals: Signals) -> Result:
+    """Conduct `run`. If the system refuses a resource at the end, the error says what is known of the tools.
 
-    What is known of the tools then is in the error, for there is no manifest that says it.
+    There is no manifest then that says it.
     """
     try:
         return run.conduct(signals)
@@ -109,13 +107,13 @@ def _kept_to_the_end(run: _Run, out: Path, signals: Signals) -> Result:
 
 
 def heard() -> list[signal.Signals]:
-    """The signals that end a run in good order. Who starts one with `nohup` wants it to outlive the terminal."""
+    """Return the signals that end a run in good order. Under `nohup` a run outlives its terminal."""
     has_nohup = signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     return [number for number in CUT_SHORT if not (has_nohup and number is signal.SIGHUP)]
 
 
 class _Run:
-    """The state of one run while it goes on."""
+    """The state of a run in progress."""
 
     def __init__(
         self,
@@ -137,7 +135,7 @@ class _Run:
         )
         self._note = self._run_record.note
         self._contexts = self._run_record.contexts
-        self._reactor = Reactor(allow_missing=plan.goes_on_without)
+        self._reactor = Reactor(allow_missing=plan.starts_without_missing)
         self._sharers = SharedPortWatch(context.order.url for context in self._contexts)
         self._wires = WireRecorder(self._run_record.folder) if plan.wanted.wire else None
         wanted = plan.wanted
@@ -165,21 +163,21 @@ class _Run:
         self._begin()
         broken = self._pull()
         self._end_units()
-        self._close_wires()
-        self._tell_of_missed()
+        self._close_captures()
+        self._note_missed()
         record = self._run_record.close() or broken
         self._run_record.manifest.goals = self._goals.reached()
         return self._run_record.conclude(record, self._cut_short)
 
     def _begin(self) -> None:
         manifest = self._run_record.manifest
-        manifest.stations = [context.facts for context in self._contexts]  # from here on others can see whose ports this run holds
+        manifest.stations = [context.facts for context in self._contexts]  # others can now see whose ports this run holds
         manifest.wire = None if self._wires is None else "open"
         manifest.guard = GUARDED if self._plan.wanted.guard else NO_GUARD
         self._run_record.begin()
         self._goals.begin(self._run_record.folder)
         for left in self._left_over:
-            # of an older run, and made good: an event here, and no deviation of what is made now
+            # of an earlier run: an event here, not a deviation of this one
             self._note("guard.left_over", left.text, Severity.WARNING if left.is_safe else Severity.CRITICAL)
         if not self._plan.wanted.guard:
             self._note("guard.none", "There is no guard: if this recorder dies, the tools stay as they are.", Severity.WARNING)
@@ -187,24 +185,24 @@ class _Run:
             self._note("guard.weak", OF_A_CONTAINER, Severity.WARNING)
 
     def _start_guard(self) -> None:
-        """Before the record is begun, and long before anything is heated. Raises `StartRefused`."""
+        """Start the guard before the record begins and long before anything heats. Raises `StartRefused`."""
         if self._plan.wanted.guard:
-            self._guarding.start(self._run_record.folder, self._tell_of_guard)
+            self._guarding.start(self._run_record.folder, self._note_guard)
 
     def _refuse(self, why: str) -> Result:
-        self._reactor.run()  # of nothing, which gives back what it has
+        self._reactor.run()  # without sessions: it closes what it opened
         with suppress(OSError):
             (self._run_record.folder / GUARD_LOCK).unlink(missing_ok=True)
         return self._run_record.refuse({context.name: f"{context.name}: {why}" for context in self._contexts})
 
-    def _tell_of_guard(self, kind: str, text: str) -> None:
+    def _note_guard(self, kind: str, text: str) -> None:
         self._run_record.manifest.guard = GUARD_LOST
         self._note(kind, text, Severity.CRITICAL)
 
     # -- during -------------------------------------------------------------------------------------------------------------
 
     def _pull(self) -> str | None:
-        """Run all sessions to their ends; what broke in this program meanwhile, or None."""
+        """Run all sessions to their ends; return the internal error that ended them, or None."""
         for context in self._contexts:
             self._add(context)
         if self._wires is not None:
@@ -216,7 +214,7 @@ class _Run:
             self._reactor.every(LOOK_FOR_UNITS_S, self._look_for_units)
         try:
             self._reactor.run(self._guarding.end)
-        except Exception as error:  # the record of what went before is closed all the same
+        except Exception as error:  # the record so far must still be closed
             text = f"internal error, {unexpected_error_text(error)}"
             self._note("run.failed", text, Severity.CRITICAL)
             self._have_guard_take_over()
@@ -226,13 +224,13 @@ class _Run:
         return None
 
     def _have_guard_take_over(self) -> None:
-        """Sessions may not have come to their ends: the guard has the last word, and what it did is in this record."""
+        """Let the guard make the tools safe, as sessions may be unfinished; its actions become events of this record."""
         self._guarding.take_over()
         for event in action_log(self._run_record.folder):
             self._run_record.journal.event(event)
 
     def _add(self, context: SessionContext) -> None:
-        """Have a station's session pulled; where wires are kept, with all that passes and all that it is told noted."""
+        """Add a station's session to the reactor, with a serial capture if requested."""
         order = context.order
 
         def opened() -> Port:
@@ -263,13 +261,13 @@ class _Run:
         if not self._have_all_begun:
             self._keep_from_collector()
         self._look_at_clock()
-        self._tell_of_wires()
-        self._tell_of_sharers()
+        self._note_captures()
+        self._note_sharers()
         self._run_record.look()
         self._goals.look()
         self._run_record.show(lambda: self._run_record.observer.second(self._contexts))
 
-    def _tell_of_sharers(self) -> None:
+    def _note_sharers(self) -> None:
         for url, who in self._sharers.news():
             for context in self._contexts:
                 if context.order.url == url and context.facts.outcome == RUNNING:
@@ -286,20 +284,20 @@ class _Run:
             self._note("clock.step", text, Severity.WARNING, value=step)
 
     def _keep_from_collector(self) -> None:
-        """What the sessions have built stays to the end; to walk through it for garbage takes 40 ms of 250 stations' ticks."""
+        """Exclude the sessions from garbage collection: a full pass would delay 250 stations by 40 ms."""
         gc.freeze()
         self._have_all_begun = all(
             context.facts.first_tick is not None or context.facts.outcome != RUNNING for context in self._contexts
         )
 
-    def _tell_of_wires(self) -> None:
+    def _note_captures(self) -> None:
         for text in self._wires.news() if self._wires is not None else ():
             self._note("wire.failed", text, Severity.WARNING)
 
-    def _close_wires(self) -> None:
+    def _close_captures(self) -> None:
         if self._wires is not None:
             self._wires.close()
-            self._tell_of_wires()
+            self._note_captures()
             self._run_record.manifest.wire = " ".join(self._wires.troubles()) or WHOLE
 
     def _look_for_units(self) -> None:
@@ -314,15 +312,15 @@ class _Run:
         return self._run_record.utc.micros(self._clock.monotonic())
 
     def _end_units(self) -> None:
-        """A recipe may ask for units, and then none comes."""
+        """Finish the feed of serials; note a required unit that never came."""
         if self._units is None:
             return
         self._units.finish()
-        told = self._plan.wanted.metadata and self._plan.wanted.metadata.units
-        if not (self._units.has_had_any or told) and any("unit" in one.recipe.metadata.required for one in self._plan.stations):
+        given = self._plan.wanted.metadata and self._plan.wanted.metadata.units
+        if not (self._units.has_had_any or given) and any("unit" in one.recipe.metadata.required for one in self._plan.stations):
             self._note("unit.missing", "The recipe requires a unit, and no serial came while the run went on.", Severity.ERROR)
 
-    def _tell_of_missed(self) -> None:
+    def _note_missed(self) -> None:
         missed = self._missed()
         if missed:
             text = (
@@ -357,14 +355,14 @@ class _Run:
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What is to run, and the folder that its run's folder is made in."""
+    """A run to be made, and the parent of its run's folder."""
 
     wanted: RunOptions
     out: Path
     name: str = "run"
 
     def plan(self) -> Plan:
-        """Everything read and checked, nothing sent. Raises `Problems` or `UsageError` with all that is wrong."""
+        """Read and check everything; send nothing. Raises `Problems` or `UsageError` with all mistakes."""
         return make_plan(self.wanted)
 
 
@@ -376,10 +374,10 @@ def carry_out(
     missed: Callable[[], int] = lambda: 0,
     planned: Callable[[Plan], None] = lambda plan: None,
 ) -> Result:
-    """Check, run and record a job, in this process, whose last deed it is.
+    """Check, run and record a job, as the last action of this process.
 
-    `planned` is told what will be done before anything is. Raises `Problems` or `UsageError` (nothing was sent), `RecordError`
-    (the record could not even be begun).
+    `planned` gets the plan before anything is sent. Raises `Problems` or `UsageError` (nothing was sent), `RecordError` (the record
+    could not begin).
     """
     plan = job.plan()
     planned(plan)

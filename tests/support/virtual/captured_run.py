@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from random import Random
 
-from jbclog.app.replay import Recording, open_recording, plan_of, relive, station_of
-from jbclog.app.run.plan import orders
+from jbclog.app.replay import Recording, open_recording, plan_of, reproduce, station_of
+from jbclog.app.run.plan import station_tasks
 from jbclog.core.capture_rows import LinkRow, ResultRow
 from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.core.io_requests import Steps
@@ -105,11 +105,11 @@ def relived(folder: Path) -> tuple[Memory, dict[str, Divergence]]:
     """A recorded run once more: what its sessions tell, and where they left the recording, if they did."""
     recording = open_recording(folder)
     memory, clock = Memory(), VirtualClock(recording.first.t0_mono, recording.first.t0_utc)
-    return memory, relive(recording, desks_of(recording, memory, clock), clock)
+    return memory, reproduce(recording, desks_of(recording, memory, clock), clock)
 
 
 def desks_of(recording: Recording, memory: Memory, clock: VirtualClock) -> list[SessionContext]:
-    return [SessionContext(order, memory, UtcOffset(clock)) for order in orders(plan_of(recording), clock.monotonic())]
+    return [SessionContext(order, memory, UtcOffset(clock)) for order in station_tasks(plan_of(recording), clock.monotonic())]
 
 
 class Handing:
@@ -149,7 +149,7 @@ def recorded_again(
     recording, clock = open_recording(folder), VirtualClock(5000.0)
     replay = recording.replay
     memory, driver, stations = Memory(), VirtualDriver(clock), dict[str, ReplayedStation]()
-    for order in orders(plan_of(recording), clock.monotonic()):
+    for order in station_tasks(plan_of(recording), clock.monotonic()):
         rate, name = replay.rate_hz.get(order.name, order.rate), order.name
         longer = None if order.duration_s is None else order.duration_s + longer_s
         order = replace(order, rate=rate, duration_s=longer, is_replay=True, begin=replay.begin(name))

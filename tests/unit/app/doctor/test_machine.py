@@ -58,7 +58,7 @@ def test_a_file_in_the_way(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("number", "step"),
-    [(errno.EACCES, "sudo chown $USER"), (errno.EROFS, "--out DIR"), (errno.ENOSPC, "make room"), (errno.EIO, "--out DIR")],
+    [(errno.EACCES, "sudo chown $USER"), (errno.EROFS, "--out DIR"), (errno.ENOSPC, "free space"), (errno.EIO, "--out DIR")],
 )
 def test_no_write_access(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, step: str) -> None:
     def refuse(path: Path, data: bytes) -> None:
@@ -116,7 +116,7 @@ def test_a_port_that_this_user_may_not_open(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(Path, "group", lambda path: "uucp")
     monkeypatch.setattr(doctor.getpass, "getuser", lambda: "rossi")
     looked = finding(look_at_usb_port(usb(device)))
-    assert (looked.kind, looked.step) == ("port.permission", "`sudo adduser rossi uucp`, then log in anew")
+    assert (looked.kind, looked.step) == ("port.permission", "`sudo adduser rossi uucp`, then log in again")
 
 
 def test_a_port_that_somebody_else_has_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

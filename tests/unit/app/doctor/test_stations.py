@@ -72,7 +72,7 @@ def test_the_right_line_format_is_found_and_named(real: str, told: str) -> None:
     assert one == ScanFinding(
         "line.format",
         "s-1",
-        f"it answers at {real}, and not at the line file's {told}",
+        f"it answers at {real}; the line file has {told}",
         f'in {PLACE}, station s-1: set baudrate = {rate}, format = "{form}"',
     )
 
@@ -89,7 +89,7 @@ def test_the_right_address_is_found_and_named(real: str, told: str, value: str) 
 def test_another_family() -> None:
     one = finding(looked_at(station_cable("ale"), "ucr"))
     assert one.kind == "line.family"
-    assert "the line file says family ucr; what answers is ALE" in one.what
+    assert "the line file has family ucr; the station is ALE" in one.what
 
 
 def test_a_model_that_the_file_accepts_is_fine_and_another_is_not() -> None:
@@ -98,7 +98,7 @@ def test_a_model_that_the_file_accepts_is_fine_and_another_is_not() -> None:
     assert one.what.startswith("DIE answers at 19200 8N1")
     other = finding(looked_at(station_cable("dde", sim='model = "NAE"'), "dde", 'model = "DIE"'))
     assert other.kind == "line.model"
-    assert other.what == "the line file accepts model DIE; what answers is NAE"
+    assert other.what == "the line file accepts model DIE; the station reports NAE"
     unknown = finding(looked_at(station_cable("dde", sim='model = "DIE"'), "dde"))
     assert unknown.step.endswith('add model = "DIE"')
 
@@ -111,7 +111,7 @@ def test_auto_takes_any_family() -> None:
 def test_ports_without_a_tool() -> None:
     one = finding(looked_at(station_cable("dde", sim="tools = { 2 = 0 }")))
     assert one.kind == "tool.missing"
-    assert one.step == f"put a tool in, or in {PLACE}, station s-1: set ports = [1]"
+    assert one.step == f"insert a tool, or in {PLACE}, station s-1: set ports = [1]"
 
 
 def test_ports_without_a_tool_that_the_file_does_not_name_are_no_matter() -> None:

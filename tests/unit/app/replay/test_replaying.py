@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.app.replay import Recording, open_recording, plan_of, serve
-from jbclog.app.run.plan import RunOptions, make_plan, orders
+from jbclog.app.run.plan import RunOptions, make_plan, station_tasks
 from jbclog.config.line import load_line
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import Problems, RecordError, UsageError
@@ -69,7 +69,7 @@ def test_the_line_file_has_the_recipe_and_the_rate_of_the_run(folder: Path, tmp_
     assert line.replay.rate_hz == {"dde-1": 10.0}
     (plan,) = make_plan(RunOptions(line.path)).stations
     assert plan.rate == 10.0
-    (order,) = orders(make_plan(RunOptions(line.path)), 0.0)
+    (order,) = station_tasks(make_plan(RunOptions(line.path)), 0.0)
     assert order.is_replay
     (reply, *_) = station.receive(b"\x020001RSMN\x03\x02", VirtualClock().monotonic())
     assert reply.data.startswith(b"\x020100ASMN")

@@ -228,7 +228,7 @@ def test_the_line_file_proposes_the_key_for_it_as_comments(tmp_path: Path) -> No
     text = text_of([found, unknown], tmp_path / "line.toml")
     assert text is not None
     assert [station.family for station in parse_line(text, tmp_path / "line.toml").stations] == ["dde"]
-    _, _, rest = text.partition("# Model ZZQ is in no table.")
+    _, _, rest = text.partition("# Model ZZQ is unknown.")
     proposed = "\n".join(line.removeprefix("# ") for line in rest.splitlines()[1:]).replace('"..."', '"dde"')
     (station,) = parse_line(f'[line]\nname = "x"\n{proposed}', tmp_path / "line.toml").stations
     assert (station.model, station.url, station.ports) == ("ZZQ", "/dev/ttyUSB7", (1, 2))
