@@ -47,14 +47,12 @@ TIMEX_BYTES = 256  # struct timex has 208
 
 
 def look_at_clock(utc_s: float, is_kept: bool | None) -> Looked:
-    """Check the clock. `utc_s`: its time, seconds since 1970; `is_kept`: whether the system calls it synchronised, None if unknown."""
+    """Check the clock. `utc_s`: its time, seconds since 1970; `is_kept`: whether it is synchronised, None if unknown."""
     now = datetime.fromtimestamp(utc_s, UTC)
     if now < RELEASED:
         return ScanFinding("clock.wrong", WHERE, f"it shows {now:%Y-%m-%d %H:%M} UTC, which is wrong", STEP)
     if is_kept is False:
-        return ScanFinding(
-            "clock.unkept", WHERE, "it is not synchronised with a time server, so times in records may be wrong", STEP
-        )
+        return ScanFinding("clock.unkept", WHERE, "it is not synchronised with a time server: times in records may be wrong", STEP)
     return Fine("clock", WHERE, f"{now:%Y-%m-%d %H:%M} UTC" + (", synchronised" if is_kept else ""))
 
 

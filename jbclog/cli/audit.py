@@ -152,11 +152,11 @@ def _findings(text: str | None) -> tuple[Finding, ...]:
 
 def _audited(lines: Sequence[Line], ledger: Path, tasks: Sequence[Task], fail_on: Collection[Finding], runs: Path | None) -> End:
     from jbclog.app.audit.run_audit import audit_lines, fleet_audit
-    from jbclog.app.audit.survey import AT_ONCE, Looking
+    from jbclog.app.audit.survey import AT_ONCE, Survey
     from jbclog.cli.audit_end import End
     from jbclog.transport.event_loop import Signals
 
-    looking, heard = Looking(), []
+    looking, heard = Survey(), []
 
     def stop(number: signal.Signals) -> None:
         heard.append(number)

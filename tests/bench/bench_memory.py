@@ -19,7 +19,7 @@ from statistics import linear_regression
 from common import RECIPE, Claim, at_most, in_own_process, is_short, judge, line_text, show, virtual_stations
 from recorder import Recorded, record
 
-from jbclog.app.run.plan import RunOptions, make_plan, orders
+from jbclog.app.run.plan import RunOptions, make_plan, station_tasks
 from jbclog.core.clock import UtcOffset, VirtualClock
 from jbclog.record.folder import create_run
 from jbclog.record.live import LiveStore
@@ -110,7 +110,7 @@ def _put_to_work(
     line.write_text(line_text([f"dde-{number}" for number in range(1, STATIONS_OF_THE_HOUR + 1)]))
     recipe.write_text(RECIPE.format(hz=10, alarms_every_s=0.2))
     plan = make_plan(RunOptions(line, recipe, duration_s=seconds))
-    contexts = [SessionContext(order, store, UtcOffset(clock)) for order in orders(plan, clock.monotonic())]
+    contexts = [SessionContext(order, store, UtcOffset(clock)) for order in station_tasks(plan, clock.monotonic())]
     for context, station in zip(contexts, plan.stations, strict=True):
         driver.add(run_station(context), VirtualStation(station.spec, now=clock.monotonic()))
     return contexts

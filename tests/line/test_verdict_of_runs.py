@@ -85,9 +85,9 @@ def test_one_tick_of_194_is_accepted(tmp_path: Path) -> None:
     [
         (
             (ONLY_COVERAGE,),
-            "no [run] status: the run puts no tool to work, and where nobody else does, the verdict is INCONCLUSIVE",
+            "no [run] status: the run heats no tool, and if nobody else does, the verdict is INCONCLUSIVE",
         ),
-        ((STAND, ONLY_COVERAGE), '[run] status = "stand": the run puts no tool to work'),
+        ((STAND, ONLY_COVERAGE), '[run] status = "stand": the run heats no tool'),
         ((), "a cold tool is recorded"),
         ((STAND,), None),
         ((WORKING, ONLY_COVERAGE), None),
@@ -95,6 +95,6 @@ def test_one_tick_of_194_is_accepted(tmp_path: Path) -> None:
     ],
 )
 def test_the_plan_says_when_nothing_is_heated(tmp_path: Path, parts: tuple[str, ...], said: str | None) -> None:
-    notes = [text for text in planned(tmp_path, *parts).notes if "puts no tool to work" in text]
+    notes = [text for text in planned(tmp_path, *parts).notes if "heats no tool" in text]
     assert len(notes) == (said is not None)
     assert said is None or said in notes[0]

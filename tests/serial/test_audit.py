@@ -174,7 +174,7 @@ def test_a_run_without_counters_yet_says_when_to_try_again(bench: Bench, tmp_pat
     monkeypatch.setattr(survey, "run_that_holds", lambda url: folder if url.endswith("dde-1") else None)
     ended = audit(bench.line, tmp_path / "counters.jsonl")
     assert ended.exit_code == 3
-    assert f"dde-1: the run {folder} has this station, and has not asked it yet; it was left alone. Audit again" in ended.stderr
+    assert f"dde-1: the run {folder} holds this station and has not asked it yet; it was not read. Audit again" in ended.stderr
     assert not observed(tmp_path / "counters.jsonl")["dde-1"].seen
 
 
@@ -248,7 +248,7 @@ def test_ctrl_c_leaves_what_was_read_in_the_ledger(tmp_path: Path) -> None:
     assert 0 < len(book.observations) < 16
     told = json.loads(out)
     assert {one["station"] for one in told["stations"] if one["seen"]} == {one.station for one in book.observations}
-    assert "stopped before it was asked" in out
+    assert "stopped before this station was read" in out
     assert process.returncode == told["exit_code"] == 130, notes
 
 
@@ -333,8 +333,8 @@ def test_what_runs_saw_since_last_time_counts_once(bench: Bench, tmp_path: Path,
     tasks = tmp_path / "tasks.toml"
     tasks.write_text('[[task]]\nname = "verification"\nlife_days = 30\nstations = ["dde-1"]\n', encoding="utf-8")
     ended = audit(bench.line, ledger, "--runs", out, "--tasks", tasks)
-    assert (ended.exit_code, f"{out}: there is no such folder of runs" in ended.stderr) == (4, True)
-    assert f"never verified, as far as {out / 'verifications.jsonl'} and the ledger tell" in ended.stdout
+    assert (ended.exit_code, f"{out}: no such folder" in ended.stderr) == (4, True)
+    assert f"no verification in {out / 'verifications.jsonl'} or the ledger" in ended.stdout
     _a_run_with_an_error(out)
     _a_verification(out)
     ended = audit(bench.line, ledger, "--runs", out, "--tasks", tasks)

@@ -1,7 +1,7 @@
-"""What an audit asks one station: only what is harmless, and until it is confirmed.
+"""Reads one station for an audit, each value until it is confirmed.
 
-Nothing but questions that change nothing, and never the alarm flags, which reading clears. One attempt: what does not answer
-costs no more than its questions' time.
+Sends only reads that change nothing, and never reads the alarm flags, because reading clears them. There is one attempt per
+station, so one that does not answer costs only the time of its reads.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
 from jbclog.session.manual.contact import PORTS, WHOLE_STATION, Contact, Place, Target, open_contact
 from jbclog.transport.read_only import OnlyReads
 
-# -- harmless -----------------------------------------------------------------------------------------------------------------
-# What may go out over a port that an audit has open: questions, and of these none that changes anything by being asked (R-TA).
+# -- harmless reads -----------------------------------------------------------------------------------------------------------
+# A port of an audit passes reads only, without those that change something (R-TA clears the alarm flags).
 
 
 def harmless_for(family: Family | None) -> OnlyReads:
-    """Whether these bytes are such a question in the protocol of `family`."""
+    """Return the filter for reads of the protocol of `family` that change nothing."""
     only_reads, clearing = connection.only_reads_for(family), _clearing()
     return lambda data: only_reads(data) and not any(code in data for code in clearing)
 
 
 @cache
 def _clearing() -> frozenset[bytes]:
-    """Every question of any family that does more than ask, at every port."""
+    """Return every read of any family that has an effect, at every port."""
     commands = [one for family in FAMILIES.values() for one in family.commands.values()]
     doing = [one for one in commands if one.readable and one.effect is not Effect.NONE and one.scope is Scope.PORT]
     return frozenset(f"R{one.code(port)}".encode() for one in doing for port in PORTS)
 
 
 # -- confirmed read -----------------------------------------------------------------------------------------------------------
-# What an audit believes: two of at most three answers that are the same.
+# A value is confirmed when two of at most three readings are equal.
 
 MOST_READS: Final = 3
 NO_TIME: Final = "no time left for it"
@@ -48,7 +48,7 @@ NO_TIME: Final = "no time left for it"
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What was said, and what of it is believed. Without a value and without `why`, no two answers were the same."""
+    """The values read and the confirmed one. Without a value and without `why`, no two readings were equal."""
 
     given: tuple[Value, ...] = ()
     value: Value | None = None
@@ -56,8 +56,8 @@ class Answer:
 
 
 @dataclass(slots=True)
-class Asking:
-    """One station being asked until `until` (monotonic seconds). `over` says why nothing more can be had of it."""
+class StationReader:
+    """One station, read until `until` (monotonic seconds). `over` is why it cannot be read any more."""
 
     contact: Contact
     until: float
@@ -65,7 +65,7 @@ class Asking:
     over_reason: str = ""
 
     def twice(self, command: Command, place: Place = WHOLE_STATION) -> Steps[Answer]:
-        """Ask until two answers are the same. Never raises for what the station or its cable does."""
+        """Read until two values are equal. Never raises for a fault of the station or its cable."""
         given: list[Value] = []
         try:
             while len(given) < MOST_READS and not self._is_over():
@@ -84,18 +84,18 @@ class Asking:
         return bool(self.over)
 
 
-# -- questions ----------------------------------------------------------------------------------------------------------------
+# -- observation --------------------------------------------------------------------------------------------------------------
 
-QUESTIONS: Final = 400  # more than a station of four ports is asked
+QUESTIONS: Final = 400  # more than the reads of a station with four ports
 SPARE_S: Final = 10.0
-OF_THE_JOB: Final = frozenset({"status", "work_mode"})  # each run sets them as it likes, as all that is `SELECTED`
+OF_THE_JOB: Final = frozenset({"status", "work_mode"})  # each run sets them, like all `SELECTED`
 SELECTED: Final = "selected_"
-TOLD_ALONE: Final = frozenset({"mode", "fuse"})  # what is set at the station itself
+READ_ONLY: Final = frozenset({"mode", "fuse"})  # set at the station itself
 
 
 @dataclass(frozen=True, slots=True)
 class SurveyTarget:
-    """A station that is to be looked at. `audit` is when the audit began, `since` when the station was last seen: UTC as text."""
+    """A station to be read. `audit`: start of the audit, `since`: when the station was last read, UTC as text."""
 
     audit: str
     line: str
@@ -103,16 +103,16 @@ class SurveyTarget:
     since: str | None = None
 
     def unseen(self, time: str, why: str) -> Observation:
-        """It was not seen at `time`, and why."""
+        """Return the observation that it was not read at `time`, and why."""
         name, url = self.target.name, self.target.url
         return Observation(time, self.audit, self.line, name, url, False, why.removeprefix(f"{name}: "))
 
 
 @dataclass(slots=True)
 class _Seen:
-    """What has been learnt so far."""
+    """The values read so far."""
 
-    asking: Asking
+    reader: StationReader
     ports: list[int] = field(default_factory=list)
     tools: dict[int, int] = field(default_factory=dict)
     counts: list[Count] = field(default_factory=list)
@@ -122,20 +122,20 @@ class _Seen:
 
     @property
     def family(self) -> Family:
-        return self.asking.contact.family
+        return self.reader.contact.family
 
 
 def look(wanted: SurveyTarget, utc_of: Callable[[float], str]) -> Steps[Observation]:
-    """Ask the station; what it does not say is in the observation, with the reason. `utc_of` gives a monotonic moment as UTC.
+    """Read the station; the observation has the reason for each value that is missing. `utc_of` converts monotonic times to UTC.
 
-    Raises `StartRefused` where nobody usable answers, and `LinkError` where there is no port to be had.
+    Raises `StartRefused` if no usable station answers, and `LinkError` if there is no port.
     """
     contact = yield from open_contact(wanted.target)
     client = contact.client
     if not contact.is_proven:
         unread = wanted.unseen(utc_of(client.now), f"{contact.stranger()}; its counters were not read")
         return replace(unread, identity=Identity(contact.family.name, contact.model))
-    seen = _Seen(Asking(contact, client.now + SPARE_S + QUESTIONS * wanted.target.line.read_s()))
+    seen = _Seen(StationReader(contact, client.now + SPARE_S + QUESTIONS * wanted.target.line.read_s()))
     yield from _everything(seen)
     return Observation(
         utc_of(client.heard),
@@ -144,7 +144,7 @@ def look(wanted: SurveyTarget, utc_of: Callable[[float], str]) -> Steps[Observat
         wanted.target.name,
         wanted.target.url,
         seen=True,
-        why=seen.asking.over.removeprefix(f"{wanted.target.name}: "),
+        why=seen.reader.over.removeprefix(f"{wanted.target.name}: "),
         identity=Identity(seen.family.name, contact.model, seen.software),
         counts=tuple(seen.counts),
         tools={port: seen.family.tool_name(code) for port, code in seen.tools.items()},
@@ -156,8 +156,8 @@ def look(wanted: SurveyTarget, utc_of: Callable[[float], str]) -> Steps[Observat
 def _everything(seen: _Seen) -> Steps[None]:
     software = seen.family.commands.get("software_version")
     if software is not None:
-        told = (yield from seen.asking.twice(software)).value
-        seen.software = None if told is None else str(told)
+        version = (yield from seen.reader.twice(software)).value
+        seen.software = None if version is None else str(version)
     yield from _find_ports(seen)
     yield from _count(seen)
     yield from _find_errors(seen)
@@ -165,10 +165,10 @@ def _everything(seen: _Seen) -> Steps[None]:
 
 
 def _find_ports(seen: _Seen) -> Steps[None]:
-    """The ports that there are, with what is connected to them: those of the line file or family, or that answer R-CT."""
-    known, command = seen.asking.contact.ports, seen.family.command_of("tool")
+    """Find the ports and their tools: those of the line file or family, or those that answer R-CT."""
+    known, command = seen.reader.contact.ports, seen.family.command_of("tool")
     for port in known or PORTS:
-        tool = None if command is None else (yield from seen.asking.twice(command, Place(port))).value
+        tool = None if command is None else (yield from seen.reader.twice(command, Place(port))).value
         if isinstance(tool, int):
             seen.tools[port] = tool
         if known is not None or tool is not None:
@@ -178,7 +178,7 @@ def _find_ports(seen: _Seen) -> Steps[None]:
 def _count(seen: _Seen) -> Steps[None]:
     for port in seen.ports:
         for counter in seen.family.counters:
-            answer = yield from seen.asking.twice(seen.family.commands[counter.command], Place(port))
+            answer = yield from seen.reader.twice(seen.family.commands[counter.command], Place(port))
             seen.counts.append(_counted(port, counter.name, counter.unit, answer))
 
 
@@ -189,52 +189,52 @@ def _counted(port: int, name: str, unit: str, answer: Answer) -> Count:
     return Count(port, name, unit, None, Standing.UNREAD if answer.why else Standing.MOVING, values, answer.why)
 
 
-# -- what is wrong with it --------------------------------------------------------------------------------------------------
+# -- errors ----------------------------------------------------------------------------------------------------------------
 
 
 def _find_errors(seen: _Seen) -> Steps[None]:
     family = seen.family
     if family.protocol == OMEGA:
-        seen.errors = Errors((yield from _omega_says(seen.asking)))
+        seen.errors = Errors((yield from _omega_state(seen.reader)))
         return
-    station = (yield from seen.asking.twice(family.commands["station_error"])).value
+    station = (yield from seen.reader.twice(family.commands["station_error"])).value
     ports = {}
     for port in seen.ports:
-        error = (yield from seen.asking.twice(family.commands["port_error"], Place(port))).value
+        error = (yield from seen.reader.twice(family.commands["port_error"], Place(port))).value
         if isinstance(error, int):
             ports[port] = family.port_errors.text(error)
     seen.errors = Errors(family.station_errors.text(station) if isinstance(station, int) else None, ports)
 
 
-def _omega_says(asking: Asking) -> Steps[str | None]:
-    """What OMEGA tells in the place of error numbers: whether there is solder, and whether it is ready."""
-    said = []
+def _omega_state(reader: StationReader) -> Steps[str | None]:
+    """Return what OMEGA has in place of error numbers: whether there is solder, and whether it is ready."""
+    texts = []
     for name in ("information", "temperature_control"):
-        told = (yield from asking.twice(asking.contact.family.commands[name])).value
-        said += [] if told is None else [text_of(told)]
-    return ", ".join(said) or None
+        value = (yield from reader.twice(reader.contact.family.commands[name])).value
+        texts += [] if value is None else [text_of(value)]
+    return ", ".join(texts) or None
 
 
-# -- how it is set ----------------------------------------------------------------------------------------------------------
+# -- settings --------------------------------------------------------------------------------------------------------------
 
 
 def _find_parameters(seen: _Seen) -> Steps[None]:
     for command in filter(is_parameter, seen.family.commands.values()):
         for place in _places(command, seen):
-            told = (yield from seen.asking.twice(command, place)).value
-            if told is not None:
-                seen.parameters[parameter_name(command.name, place.port)] = text_of(told)
+            value = (yield from seen.reader.twice(command, place)).value
+            if value is not None:
+                seen.parameters[parameter_name(command.name, place.port)] = text_of(value)
 
 
 def is_parameter(command: Command) -> bool:
-    """Whether this is a setting that stays as it is from job to job, and that can be asked without a number."""
-    is_set = command.access == "rw" or (command.readable and command.name in TOLD_ALONE)
+    """Whether this is a setting that does not change from job to job, and that can be read without a number."""
+    is_set = command.access == "rw" or (command.readable and command.name in READ_ONLY)
     is_kept = command.name not in OF_THE_JOB and not command.name.startswith(SELECTED)
     return is_set and is_kept and command.effect is Effect.NONE and command.scope is not Scope.CONDITION
 
 
 def parameter_name(setting: str, port: int | None) -> str:
-    """``2.sleep_delay``; of the whole station without a port."""
+    """Return the name of a setting at a port: ``2.sleep_delay``; without a port for the whole station."""
     return setting if port is None else f"{port}.{setting}"
 
 

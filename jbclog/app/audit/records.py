@@ -34,15 +34,15 @@ if TYPE_CHECKING:
     from jbclog.analysis.run import Run
 
 # -- past runs ----------------------------------------------------------------------------------------------------------------
-# What the records of runs tell of errors since an audit last looked: the runs in the folder that `jbclog audit --runs` names.
+# Errors since the last audit, in the runs of the folder of `jbclog audit --runs`: only a run can have recorded an error that came
+# and went between two audits.
 #
-# An error that came and went between two audits only a run can have seen. Each look at a station says up to which moment errors
-# were counted (`Errors.until`), and the next one counts from there on: whatever runs there are meanwhile, one that goes on over
-# several audits among them, an event counts once. What a recorder has not put down yet counts the next time (`LAG`).
+# Each observation has the time up to which errors were counted (`Errors.until`), and the next audit counts from there. So an event
+# counts once, also in a run that lasts over several audits. What is not committed yet counts the next time (`LAG`).
 
-LAG: Final = timedelta(seconds=10)  # a recorder commits each second, and waits that long for a disk at the most
+LAG: Final = timedelta(seconds=10)  # a recorder commits each second, and waits at most this long for the disk
 COUNTED: Final = ("error", "critical")  # severities of events
-MOST_TOLD: Final = 3
+SHOWN: Final = 3
 
 Place = tuple[str, str]
 """Line and station."""
@@ -52,7 +52,7 @@ Events = Mapping[str, int]
 
 @dataclass(slots=True)
 class PastRuns:
-    """What the runs of a folder tell of each station up to `until`. `trouble` says what of them cannot be read."""
+    """The errors of each station in the runs of a folder up to `until`. `trouble` lists what cannot be read."""
 
     until: str = ""
     events: dict[Place, Counter[str]] = field(default_factory=dict)
@@ -62,40 +62,40 @@ class PastRuns:
     trouble: list[str] = field(default_factory=list)
 
     def with_errors(self, seen: Observation) -> Observation:
-        """What was seen of a station, with the errors that these runs saw; those of a run that is none of them are added."""
+        """Return the observation with the errors in these runs, plus those of its own run if that is not among them."""
         place = (seen.line, seen.station)
         if not seen.seen or place not in self.since:
             return seen
-        errors, told = seen.errors, self.events.get(place)
+        errors, events = seen.errors, self.events.get(place)
         if not self.is_read:  # the next audit counts from where this one should have
             return replace(seen, errors=replace(errors, events=None, until=self.since[place]))
         if errors.events is not None and Path(os.path.realpath(seen.source.removeprefix("run:"))) not in self.folders:
-            told = Counter(errors.events) + (told or Counter())
+            events = Counter(errors.events) + (events or Counter())
         until = max(self.until, self.since[place], key=datetime.fromisoformat)
-        return replace(seen, errors=replace(errors, events=None if told is None else dict(told), until=until))
+        return replace(seen, errors=replace(errors, events=None if events is None else dict(events), until=until))
 
 
 def counted_to(audit: str) -> str:
-    """Up to when the audit that began then counts."""
+    """Return up to when the audit that began at `audit` counts errors."""
     return (datetime.fromisoformat(audit) - LAG).astimezone(UTC).isoformat(timespec="milliseconds")
 
 
 def past_runs(folder: Path, since: Mapping[Place, str], audit: str) -> PastRuns:
-    """The errors of each station of `since` from its moment on, in the runs directly below `folder`. Never raises."""
-    told = PastRuns(counted_to(audit), since=since)
+    """Return the errors of each station of `since` from its time on, in the runs directly below `folder`. Never raises."""
+    past = PastRuns(counted_to(audit), since=since)
     try:
         if not folder.is_dir():
-            raise RecordError(f"{folder}: there is no such folder of runs")
-        for run in _runs(folder, since, told):
-            _count(run, told)
+            raise RecordError(f"{folder}: no such folder")
+        for run in _runs(folder, since, past):
+            _count(run, past)
     except RecordError as error:
-        told.trouble.append(f"{error}; errors since last time were not counted, and will be by the next audit")
-        told.is_read = False
-    return told
+        past.trouble.append(f"{error}; errors since the last audit are not counted now; the next audit counts them")
+        past.is_read = False
+    return past
 
 
-def _runs(folder: Path, since: Mapping[Place, str], told: PastRuns) -> Iterator[Found]:
-    """Those with one of these stations, that had not ended before."""
+def _runs(folder: Path, since: Mapping[Place, str], past: PastRuns) -> Iterator[Found]:
+    """Yield the runs with one of these stations that had not ended before."""
     if not since:
         return
     begin = min(map(datetime.fromisoformat, since.values()))
@@ -105,28 +105,28 @@ def _runs(folder: Path, since: Mapping[Place, str], told: PastRuns) -> Iterator[
             unreadable.append(run)
         elif any((run.line, station) in since for station in run.stations):
             yield run
-    told.trouble += [f"{one.folder}: {one.why}" for one in unreadable[:MOST_TOLD]]
-    if len(unreadable) > MOST_TOLD:
-        told.trouble.append(f"{folder}: {len(unreadable) - MOST_TOLD} other runs cannot be read")
+    past.trouble += [f"{one.folder}: {one.why}" for one in unreadable[:SHOWN]]
+    if len(unreadable) > SHOWN:
+        past.trouble.append(f"{folder}: {len(unreadable) - SHOWN} other runs cannot be read")
 
 
-def _count(found: Found, told: PastRuns) -> None:
+def _count(found: Found, past: PastRuns) -> None:
     from jbclog.analysis.run import open_run
 
     places = [(found.line or "", station) for station in found.stations]
     try:
         run = open_run(found.folder)
         counted = {
-            place: error_events(run, place[1], told.since[place], told.until)
+            place: error_events(run, place[1], past.since[place], past.until)
             for place in places
-            if place in told.since and _is_within(found, told.since[place], told.until)
+            if place in past.since and _is_within(found, past.since[place], past.until)
         }
     except (JbclogError, OSError, ValueError) as error:
-        told.trouble.append(f"{found.folder}: its errors cannot be read: {error}")
+        past.trouble.append(f"{found.folder}: its errors cannot be read: {error}")
         return
-    told.folders.add(Path(os.path.realpath(found.folder)))
+    past.folders.add(Path(os.path.realpath(found.folder)))
     for place, events in counted.items():
-        told.events.setdefault(place, Counter()).update(events)
+        past.events.setdefault(place, Counter()).update(events)
 
 
 def _is_within(found: Found, since: str, until: str) -> bool:
@@ -136,24 +136,23 @@ def _is_within(found: Found, since: str, until: str) -> bool:
 
 
 def error_events(run: Run, station: str, since: str | None, until: str) -> Events:
-    """How many errors of each kind a run's record has of a station, from `since` (included) to `until`."""
+    """Return the errors of a station by kind in the record of a run, from `since` (included) to `until`."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # damage to a record is told by `check`
+        warnings.simplefilter("ignore")  # `check` reports damage to a record
         events = run.events(station, start=since, stop=until)
     counted = events[events["severity"].isin(COUNTED)]["kind"].value_counts()
     return {str(kind): int(count) for kind, count in sorted(counted.items())}
 
 
 # -- recorded counters --------------------------------------------------------------------------------------------------------
-# What a run in progress has read of a station, in the place of asking it: a run is never disturbed.
-#
-# The run's own station is the one on the same port; what it is called there does not matter.
+# The readings of a run in progress, instead of reading the station: a run is never disturbed. The station of the run is the one on
+# the same port, whatever its name there.
 
 FRESH: Final = timedelta(hours=1)  # the counters' own resolution
-NOW: Final = timedelta(minutes=2)  # what was read of errors before is no more "now"
+NOW: Final = timedelta(minutes=2)  # errors read before that are not current
 
 
-class _Told(NamedTuple):
+class _CounterRow(NamedTuple):
     """A row of `counters`."""
 
     time: datetime
@@ -166,7 +165,7 @@ class _Told(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _Record:
-    """The record of one station in a run; `now` is the moment of looking."""
+    """The record of one station in a run, read at `now`."""
 
     run: Run
     facts: StationFacts
@@ -178,7 +177,7 @@ class _Record:
 
 
 def observed_in(folder: Path, wanted: SurveyTarget, now: datetime) -> Observation:
-    """The station as the run in `folder` has it. `seen` is false, with the reason, where it has no counters of it yet."""
+    """Return the station as recorded by the run in `folder`. `seen` is false, with the reason, if it has no counters of it yet."""
     source = f"run:{folder}"
     try:
         record = _record(folder, wanted, now)
@@ -187,7 +186,9 @@ def observed_in(folder: Path, wanted: SurveyTarget, now: datetime) -> Observatio
             return replace(wanted.unseen(_text(now), _nothing_yet(folder, record)), source=source)
         return _observation(wanted, record, counts, source)
     except (JbclogError, OSError, sqlite3.Error, ArrowException) as error:
-        return replace(wanted.unseen(_text(now), f"the run {folder} has it, and its record cannot be read: {error}"), source=source)
+        return replace(
+            wanted.unseen(_text(now), f"the run {folder} holds it, and its record cannot be read: {error}"), source=source
+        )
 
 
 def _record(folder: Path, wanted: SurveyTarget, now: datetime) -> _Record | None:
@@ -198,7 +199,7 @@ def _record(folder: Path, wanted: SurveyTarget, now: datetime) -> _Record | None
 
 
 def _facts(folder: Path) -> list[StationFacts]:
-    """What the run knows of its stations by now; where it was sealed meanwhile, what its manifest says."""
+    """Return the facts of the stations of a run: from its live store, or from its manifest if it was sealed meanwhile."""
     with StoreReader(folder) as stock:
         stored = known_stations(stock, [])
     if stored or not (folder / MANIFEST).exists():
@@ -209,12 +210,14 @@ def _facts(folder: Path) -> list[StationFacts]:
 
 def _nothing_yet(folder: Path, record: _Record | None) -> str:
     has = (
-        "has not asked it yet" if record is None or record.facts.model is None else "has read no counter of it within the last hour"
+        "has not asked it yet"
+        if record is None or record.facts.model is None
+        else "has read none of its counters within the last hour"
     )
-    return f"the run {folder} has this station, and {has}; it was left alone. Audit again in a minute, or when the run has ended"
+    return f"the run {folder} holds this station and {has}; it was not read. Audit again in a minute, or after the run has ended"
 
 
-def _observation(wanted: SurveyTarget, record: _Record, counts: list[_Told], source: str) -> Observation:
+def _observation(wanted: SurveyTarget, record: _Record, counts: list[_CounterRow], source: str) -> Observation:
     facts = record.facts
     return Observation(
         _text(max((one.time for one in counts), default=record.now)),
@@ -232,32 +235,32 @@ def _observation(wanted: SurveyTarget, record: _Record, counts: list[_Told], sou
     )
 
 
-def _recorded_count(told: _Told) -> Count:
-    if told.value is None:
-        return Count(told.port, told.counter, told.unit, None, Standing.UNREAD, (), told.raw.strip("<>"))
-    return Count(told.port, told.counter, told.unit, told.value, Standing.OK, (told.value,))
+def _recorded_count(row: _CounterRow) -> Count:
+    if row.value is None:
+        return Count(row.port, row.counter, row.unit, None, Standing.UNREAD, (), row.raw.strip("<>"))
+    return Count(row.port, row.counter, row.unit, row.value, Standing.OK, (row.value,))
 
 
 # -- from the tables --------------------------------------------------------------------------------------------------------
 
 
-def _newest(record: _Record) -> Iterator[_Told]:
-    """The newest reading of each counter that gave a value within the last hour; where none did, the newest that failed."""
-    newest: dict[tuple[int, str], _Told] = {}
+def _newest(record: _Record) -> Iterator[_CounterRow]:
+    """Yield the latest value of each counter within the last hour; if none was read, the latest failure."""
+    newest: dict[tuple[int, str], _CounterRow] = {}
     for rows in record.run.stream("counters", record.facts.name, start=record.now - FRESH):
-        for time, port, counter, value, unit, raw in rows[list(_Told._fields)].itertuples(index=False, name=None):
-            told = _Told(time.to_pydatetime(), int(port), str(counter), _number(value), str(unit), str(raw))
-            if told.value is not None or newest.get((told.port, told.counter), told).value is None:
-                newest[told.port, told.counter] = told
+        for time, port, counter, value, unit, raw in rows[list(_CounterRow._fields)].itertuples(index=False, name=None):
+            row = _CounterRow(time.to_pydatetime(), int(port), str(counter), _number(value), str(unit), str(raw))
+            if row.value is not None or newest.get((row.port, row.counter), row).value is None:
+                newest[row.port, row.counter] = row
     yield from newest.values()
 
 
 def _number(value: float | None) -> float | None:
-    return None if value is None or value != value else float(value)  # pandas: a float that is none
+    return None if value is None or value != value else float(value)  # NaN of pandas
 
 
 def _parameters(record: _Record) -> Iterator[tuple[str, str]]:
-    """Each setting as it was read last."""
+    """Yield each setting as last read."""
     commands = {} if record.family is None else record.family.commands
     rows = record.run.settings(record.facts.name)
     for port, setting, readback in rows[["port", "setting", "readback"]].itertuples(index=False, name=None):
@@ -284,18 +287,16 @@ def _text(moment: datetime) -> str:
 
 
 # -- verifications ------------------------------------------------------------------------------------------------------------
-# When each tip was verified last, from the file of verifications beside the runs, as if somebody had told the ledger.
+# The last verification of each tip, from the file of verifications beside the runs, as entries of the ledger.
 
 TASK: Final = "verification"
-"""The task whose last time verifications tell."""
-
-"""Line and station."""
+"""The task that verifications carry out."""
 
 
 def verified(runs: Path, places: Iterable[Place]) -> tuple[list[Fact], list[str]]:
-    """The last valid verification of each port of these stations; and what is wrong with the file. Never raises.
+    """Return the last valid verification of each port of these stations, and what is wrong with the file. Never raises.
 
-    The file knows stations by their names alone: where two lines have one of a name, it is of both.
+    The file has only the names of stations: if two lines have the same name, a verification counts for both.
     """
     try:
         book = read_book(runs)
@@ -319,6 +320,6 @@ def _fact(place: Place, one: Verification, runs: Path) -> Fact:
 
 
 def with_never(tasks: Sequence[Task], runs: Path) -> list[Task]:
-    """The tasks, of which that of verifications says that no verification is known."""
-    never = f"never verified, as far as {runs / NAME} and the ledger tell"
+    """Return the tasks, with the text for a missing verification in that of verifications."""
+    never = f"no verification in {runs / NAME} or the ledger"
     return [replace(task, never=never) if task.name == TASK else task for task in tasks]

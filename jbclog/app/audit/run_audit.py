@@ -1,11 +1,11 @@
-"""An audit from its line files to what it saw: the composition root of `jbclog audit`.
+"""Carries out an audit, from line files to observations.
 
 ::
 
-    line files -> Wanted -> counting.Looking, eight wires at a time -> the ledger, as each comes
+    line files -> SurveyTarget -> Survey, eight serial lines at a time -> the ledger, as each observation comes
 
-What was seen is in the ledger as soon as it was seen, so that whatever ends the audit leaves it there. A ledger that is damaged
-or cannot be written takes nothing from what is told.
+Each observation is in the ledger at once, so that it is kept however the audit ends. A ledger that is damaged or cannot be
+written does not change what the audit reports.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import Final
 from jbclog.app import connection
 from jbclog.app.audit.questions import SurveyTarget
 from jbclog.app.audit.records import PastRuns, past_runs, verified, with_never
-from jbclog.app.audit.survey import Looking, Told
+from jbclog.app.audit.survey import Observed, Survey
 from jbclog.config.line import Line, StationSpec
 from jbclog.config.tasks_file import Task
 from jbclog.core.durable_files import sha256
@@ -31,16 +31,16 @@ from jbclog.maintenance.fleet_of_ledger import fleet_of
 from jbclog.maintenance.ledger import Book, add, auditing, read_book, written
 from jbclog.maintenance.use import counted_until
 
-MOST_TOLD: Final = 5
-STOPPED: Final = "the audit was stopped before it was asked"
+SHOWN: Final = 5
+STOPPED: Final = "the audit was stopped before this station was read"
 
 
 @dataclass(slots=True)
 class Audited:
-    """What came of it. `seen` has an observation of every station of the lines.
+    """The result of an audit. `seen` has an observation of every station of the lines.
 
-    `kept` are those that were put in the ledger, `unkept` those that could not be; `book` is the ledger with them. `verified` is
-    what the verifications beside the runs tell. `trouble` says what is wrong with all of these.
+    `kept` are those added to the ledger, `unkept` those that could not be; `book` is the ledger with them. `verified` has the
+    verifications beside the runs. `trouble` lists the problems with all of these.
     """
 
     time: str
@@ -52,16 +52,16 @@ class Audited:
     trouble: list[str] = field(default_factory=list)
 
 
-def audit_lines(lines: Sequence[Line], ledger: Path, looking: Looking, told: Told, runs: Path | None = None) -> Audited:
-    """Look at every station of `lines`; `told` is called with each as it was seen. `runs` is the folder of their runs.
+def audit_lines(lines: Sequence[Line], ledger: Path, survey: Survey, observed: Observed, runs: Path | None = None) -> Audited:
+    """Read every station of `lines`; call `observed` with each observation. `runs` is the folder of their runs.
 
-    Raises `AuditGoesOn` where another audit is at work with this ledger; then nothing was asked.
+    Raises `AuditGoesOn` if another audit uses this ledger; then nothing was read.
     """
     audited = Audited(utc(), Book(ledger))
     with ExitStack() as held:
         try:
             held.enter_context(auditing(ledger))
-        except RecordError as error:  # where no lock can be made no ledger can be written; what is seen is told all the same
+        except RecordError as error:  # without a lock nothing can be written; the observations are still reported
             audited.trouble.append(str(error))
         audited.book = _read(ledger, audited)
         audited.trouble += _wrong_with(audited.book)
@@ -72,11 +72,11 @@ def audit_lines(lines: Sequence[Line], ledger: Path, looking: Looking, told: Tol
             seen = past.with_errors(seen)
             audited.seen.append(seen)
             _keep(ledger, seen, audited)
-            told(seen)
+            observed(seen)
 
-        looking.all(wanted, take)
+        survey.all(wanted, take)
         _keep_the_rest(ledger, audited)
-    if audited.kept:  # a ledger of years is read but once
+    if audited.kept:  # a ledger of years is read only once
         head = sha256(written(audited.kept[-1]))
         audited.book = replace(audited.book, entries=[*audited.book.entries, *audited.kept], head=head)
     audited.seen += list(_not_asked(wanted, audited))
@@ -84,7 +84,7 @@ def audit_lines(lines: Sequence[Line], ledger: Path, looking: Looking, told: Tol
 
 
 def utc() -> str:
-    """Now, as the ledger has times."""
+    """Return the current time in the format of the ledger."""
     return datetime.fromtimestamp(connection.means.clock.utc(), UTC).isoformat(timespec="milliseconds")
 
 
@@ -97,17 +97,17 @@ def _read(ledger: Path, audited: Audited) -> Book:
 
 
 def _wrong_with(book: Book) -> Sequence[str]:
-    if book.is_sound or book.is_foreign:  # which is said when nothing can be kept
+    if book.is_sound or book.is_foreign:  # reported when nothing can be written
         return ()
-    more = len(book.sentences) - MOST_TOLD
-    return [*book.sentences[:MOST_TOLD], *([f"{book.path}: {more} other lines of it are wrong"] if more > 0 else [])]
+    more = len(book.sentences) - SHOWN
+    return [*book.sentences[:SHOWN], *([f"{book.path}: {more} other lines are wrong"] if more > 0 else [])]
 
 
 def _keep(ledger: Path, seen: Observation, audited: Audited) -> None:
     try:
         audited.book.expect_ledger()
         audited.kept += add(ledger, [seen])
-    except RecordError:  # a disk may be full for a moment; it is tried again
+    except RecordError:  # the disk may be full for a moment: tried again at the end
         audited.unkept.append(seen)
 
 
@@ -139,7 +139,7 @@ def _wanted(lines: Sequence[Line], audited: Audited) -> list[SurveyTarget]:
 
 
 def _past(runs: Path | None, wanted: Sequence[SurveyTarget], audited: Audited) -> PastRuns:
-    """What the folder of runs tells, before any station is asked."""
+    """Read the folder of runs, before any station is read."""
     if runs is None:
         return PastRuns()
     places = [(one.line, one.target.name) for one in wanted]
@@ -151,13 +151,13 @@ def _past(runs: Path | None, wanted: Sequence[SurveyTarget], audited: Audited) -
 
 
 def _not_asked(wanted: Sequence[SurveyTarget], audited: Audited) -> Iterator[Observation]:
-    """Those that the audit did not come to. They are no observations, and not in the ledger."""
+    """Return observations of the stations that the audit did not reach. They are not in the ledger."""
     asked = {(one.line, one.station) for one in audited.seen}
     return (one.unseen(audited.time, STOPPED) for one in wanted if (one.line, one.target.name) not in asked)
 
 
 def fleet_audit(audited: Audited, lines: Sequence[Line], tasks: Sequence[Task], runs: Path | None = None) -> FleetAudit:
-    """All that follows from it, and from all that the ledger and the folder `runs` have of these stations."""
+    """Evaluate the audit with all that the ledger and the folder `runs` have of these stations."""
     watts = {
         (line.name, station.name): station.rated_power_w
         for line in lines

@@ -1,12 +1,12 @@
-"""Looks at all stations of some lines, eight wires at a time: who asks, who waits, and whom the run asks already.
+"""Reads all stations of some lines, eight serial lines at a time.
 
 ::
 
-    Wanted -> a run has its port? -> recorded.observed_in
-                       no         -> open_port, questions only -> drive.blocking pulls asking.look
+    SurveyTarget -> a run has its port? -> records.observed_in
+                          no            -> open_port, reads only -> blocking.run pulls questions.look
 
-What shares a port (stations with addresses behind one wire) is asked one after the other. A run that begins meanwhile either
-finds the port in use, or has it, and then its record is read.
+Stations behind one port (with addresses) are read one after the other. A run that begins meanwhile either finds the port in use,
+or has it, and then its record is read.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from jbclog.transport.system_ports import processes_text, sharers_of
 
 AT_ONCE: Final = 8
 
-Told = Callable[[Observation], object]
+Observed = Callable[[Observation], object]
 
 
-class Looking:
-    """One audit's looks. `stop` ends it within one answer's time; what was seen until then has been told."""
+class Survey:
+    """The reads of one audit. `stop` ends them within one response time; earlier observations have been passed on."""
 
     def __init__(self, at_once: int = AT_ONCE) -> None:
         self._at_once = at_once
@@ -46,34 +46,34 @@ class Looking:
         self._done: queue.SimpleQueue[Observation | None] = queue.SimpleQueue()
 
     def stop(self) -> None:
-        """To be called from anywhere, a signal included."""
+        """Stop. May be called from anywhere, a signal handler included."""
         self._stop.set()
 
     @property
     def is_stopped(self) -> bool:
         return self._stop.is_set()
 
-    def all(self, wanted: Sequence[SurveyTarget], told: Told) -> None:
-        """Look at each; `told` is called in this thread with each observation as it comes."""
-        wires = _by_wire(wanted)
-        with ThreadPoolExecutor(max_workers=max(1, min(len(wires), self._at_once)), thread_name_prefix="audit") as pool:
-            for wire in wires:
-                pool.submit(self._wire, wire)
-            left = len(wires)
+    def all(self, wanted: Sequence[SurveyTarget], observed: Observed) -> None:
+        """Read each target; `observed` is called in this thread with each observation."""
+        groups = _by_port(wanted)
+        with ThreadPoolExecutor(max_workers=max(1, min(len(groups), self._at_once)), thread_name_prefix="audit") as pool:
+            for group in groups:
+                pool.submit(self._read_group, group)
+            left = len(groups)
             try:
                 while left:
                     done = self._done.get()
                     if done is None:
                         left -= 1
                     else:
-                        told(done)
+                        observed(done)
             except BaseException:
                 self.stop()
                 raise
 
-    def _wire(self, wire: Sequence[SurveyTarget]) -> None:
+    def _read_group(self, group: Sequence[SurveyTarget]) -> None:
         try:
-            for wanted in wire:
+            for wanted in group:
                 if self.is_stopped:
                     break
                 with suppress(RunEnded):
@@ -82,7 +82,7 @@ class Looking:
             self._done.put(None)
 
     def _surely(self, wanted: SurveyTarget) -> Observation:
-        """Whatever goes wrong with one station, the others are read."""
+        """Read one station; an internal error must not end the reads of the others."""
         try:
             return self._look(wanted)
         except RunEnded:
@@ -102,8 +102,8 @@ class Looking:
         except (StartRefused, LinkError, StationError) as error:
             return wanted.unseen(_text(_now()), str(error))
         if "://" not in wanted.target.url:
-            return seen  # the lock has kept runs out
-        run = run_that_holds(wanted.target.url)  # behind a server of ports that takes two clients it may have begun meanwhile
+            return seen  # the lock of the port excludes runs
+        run = run_that_holds(wanted.target.url)  # it may have begun meanwhile, behind a server that accepts two clients
         return seen if run is None else _in_run(run, wanted)
 
     def _ask(self, wanted: SurveyTarget) -> Observation:
@@ -116,30 +116,30 @@ class Looking:
         return (yield request)
 
 
-def _by_wire(wanted: Sequence[SurveyTarget]) -> list[list[SurveyTarget]]:
-    """Those behind one port together, in their order."""
-    wires: list[tuple[PortAddress, list[SurveyTarget]]] = []
+def _by_port(wanted: Sequence[SurveyTarget]) -> list[list[SurveyTarget]]:
+    """Group the targets behind one port, in their order."""
+    groups: list[tuple[PortAddress, list[SurveyTarget]]] = []
     for one in wanted:
         place = port_address(one.target.url)
-        found = next((wire for known, wire in wires if known.is_at(place)), None)
+        found = next((group for known, group in groups if known.is_at(place)), None)
         if found is None:
-            wires.append((place, [one]))
+            groups.append((place, [one]))
         else:
             found.append(one)
-    return [wire for _, wire in wires]
+    return [group for _, group in groups]
 
 
 def _open(wanted: SurveyTarget) -> Port:
-    """The port, for questions only. One that another program reads, too, is left alone: it would lose its answers."""
+    """Open the port for harmless reads. Refuses a port that another program has open, because that would lose its answers."""
     target = wanted.target
     sharers = sharers_of(target.url)
     if sharers:
-        raise PortBusy(f"{target.url} is open in {processes_text(sharers)}; end that first", sharers[0])
+        raise PortBusy(f"{target.url} is open in {processes_text(sharers)}; end that program", sharers[0])
     return ReadOnly(connection.means.open_port(target.url, target.line), harmless_for(target.family))
 
 
 def _in_run(run: Path, wanted: SurveyTarget) -> Observation:
-    from jbclog.app.audit.records import observed_in  # what reads a record is loaded only where there is one
+    from jbclog.app.audit.records import observed_in  # loads pandas, which only this needs
 
     return observed_in(run, wanted, _now())
 
@@ -153,7 +153,7 @@ def _now() -> datetime:
 
 
 def utc_of(moment: float) -> str:
-    """A monotonic moment of this process as UTC."""
+    """Convert a monotonic time of this process to UTC."""
     clock = connection.means.clock
     return _text(datetime.fromtimestamp(clock.utc() - clock.monotonic() + moment, UTC))
 

@@ -187,7 +187,7 @@ class Plan:
         asked = {one.recipe_file: one.recipe.run.on_missing for one in self.stations}
         if not self.starts_without_missing and "continue" in asked.values():
             stop = ", ".join(name for name, word in asked.items() if word == "stop")
-            yield f'on_missing = "continue" has no effect, because {stop} has "stop": the run starts with all stations or not at all'
+            yield f'on_missing = "continue" has no effect, {stop} has "stop": the run starts with all stations or not at all'
 
     def _without_safe_state(self) -> Iterator[str]:
         for station in self.stations:

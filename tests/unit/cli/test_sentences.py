@@ -44,7 +44,7 @@ def test_a_value_is_shown_as_it_is_written(place: Path) -> None:
 @pytest.mark.parametrize("verb", ["plan", "run"])
 def test_recipe_and_line_file_the_wrong_way_round(place: Path, verb: str) -> None:
     told = planned("line.toml", "job.toml", verb=verb)
-    assert told == ["error: job.toml is a recipe and line.toml a line file: give them the other way round"]
+    assert told == ["error: job.toml is a recipe and line.toml a line file: swap them"]
 
 
 def test_the_wrong_kind_of_file_is_said_once(place: Path) -> None:
@@ -62,9 +62,7 @@ def test_a_recipe_that_no_station_uses_is_refused(place: Path) -> None:
     assert planned(code=0, recipe="own.toml") == []
     for verb in ("plan", "run"):
         told = planned(verb=verb, code=2)[0]
-        assert told.startswith(
-            "error: job.toml: would be used by no station: each that runs names a recipe of its own in line.toml; leave"
-        )
+        assert told.startswith("error: job.toml: is used by no station: each one that runs has its own recipe in line.toml; leave")
 
 
 def test_a_port_that_is_not_there_is_named_without_a_question(place: Path) -> None:

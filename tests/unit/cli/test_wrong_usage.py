@@ -65,7 +65,7 @@ def test_a_dry_run_asks_for_nothing_and_says_what_run_will_ask_for(place: Path) 
     (place / "job.toml").write_text(f'{RECIPE}[metadata]\nrequired = ["operator", "wire_lot"]\n')
     planned = CliRunner().invoke(app, ["plan", "job.toml", "--line", "line.toml"])
     assert planned.exit_code == 0
-    assert "note: job.toml requires --operator … --wire-lot …: to be given to `run`\n" in planned.stderr
+    assert "note: job.toml requires --operator … --wire-lot …: give it to `run`\n" in planned.stderr
 
 
 def test_a_tag_has_one_value(place: Path) -> None:

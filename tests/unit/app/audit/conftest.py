@@ -18,7 +18,7 @@ def see(monkeypatch: pytest.MonkeyPatch) -> See:
     def seen(bench: Bench) -> dict[str, Observation]:
         monkeypatch.setattr(connection, "means", bench.means)
         found: list[Observation] = []
-        survey.Looking(at_once=1).all(wanted(bench), found.append)  # one clock for all of them
+        survey.Survey(at_once=1).all(wanted(bench), found.append)  # one clock for all of them
         return {one.station: one for one in found}
 
     return seen

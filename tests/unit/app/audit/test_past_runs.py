@@ -166,7 +166,7 @@ def test_a_folder_that_is_not_there_leaves_its_errors_to_the_next_audit(ledger: 
     one = run(ledger.out, -5)
     one.say((-4, "port.error"))
     gone = past_runs(ledger.out / "gone", {PLACE: iso(-24)}, iso(0))
-    assert "there is no such folder of runs; errors since last time were not counted, and will be by the next" in gone.trouble[0]
+    assert "no such folder; errors since the last audit are not counted now; the next audit counts them" in gone.trouble[0]
     ledger.looks.append(gone.with_errors(look(0)))
     assert ledger.audit(1) == {"port.error": 1}
 

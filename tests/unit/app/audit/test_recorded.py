@@ -110,12 +110,12 @@ def test_a_reading_that_failed_since_takes_nothing_from_the_one_before(seen: Cal
 def test_what_is_older_than_an_hour_is_not_taken_for_now(run: LiveStore, seen: Callable[..., Observation]) -> None:
     found = seen(counted(61, "work_h", 811))
     assert (found.seen, found.counts) == (False, ())
-    assert found.why.startswith(f"the run {run.folder} has this station, and has read no counter of it within the last hour;")
+    assert found.why.startswith(f"the run {run.folder} holds this station and has read none of its counters within the last hour;")
 
 
 def test_a_station_that_the_run_has_not_asked_yet_is_left_alone(run: LiveStore, seen: Callable[..., Observation]) -> None:
     run.facts(replace(FACTS, model=None))
-    assert "has not asked it yet; it was left alone. Audit again in a minute" in seen().why
+    assert "has not asked it yet; it was not read. Audit again in a minute" in seen().why
     elsewhere = replace(WANTED, target=replace(WANTED.target, url="/dev/another"))
     assert "has not asked it yet" in seen(wanted=elsewhere).why
 
@@ -140,7 +140,7 @@ def test_settings_errors_and_events_are_the_runs(run: LiveStore, seen: Callable[
 def test_a_record_that_cannot_be_read_is_said(tmp_path: Path) -> None:
     found = observed_in(tmp_path / "nothing", WANTED, NOW)
     assert not found.seen
-    assert found.why.startswith(f"the run {tmp_path / 'nothing'} has it, and its record cannot be read: ")
+    assert found.why.startswith(f"the run {tmp_path / 'nothing'} holds it, and its record cannot be read: ")
 
 
 def test_what_goes_wrong_with_one_station_takes_no_other_with_it(bench: MakeBench, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,7 +148,7 @@ def test_what_goes_wrong_with_one_station_takes_no_other_with_it(bench: MakeBenc
     monkeypatch.setattr(connection, "means", made.means)
     monkeypatch.setattr(survey, "run_that_holds", lambda url: None if url.endswith("2") else {}["no"])
     found: list[Observation] = []
-    survey.Looking(at_once=1).all(wanted(made), found.append)
+    survey.Survey(at_once=1).all(wanted(made), found.append)
     assert [one.seen for one in found] == [False, True]
     assert "internal error, KeyError: 'no'" in found[0].why
 
@@ -165,6 +165,6 @@ def test_a_run_that_began_behind_a_server_of_ports_meanwhile_has_the_station(
     monkeypatch.setattr(survey, "run_that_holds", lambda _: next(looks))
     found: list[Observation] = []
     target = replace(made.target("ale-7"), url=url)
-    survey.Looking(at_once=1).all([SurveyTarget(AUDIT, "hall", target)], found.append)
+    survey.Survey(at_once=1).all([SurveyTarget(AUDIT, "hall", target)], found.append)
     assert (found[0].seen, found[0].source) == (False, f"run:{run.folder}")
     assert made.wires["ale-7"].heard != []

@@ -45,7 +45,7 @@ def task(runs: Path, days: float = 0.0) -> tuple[TaskState, int]:
 def test_never_verified_is_told_and_is_due_when_its_days_went_by_since_the_first_audit(tmp_path: Path) -> None:
     found, code = task(tmp_path)
     assert (found.state, code, found.percent) == (State.UNKNOWN, 0, None)
-    assert found.why == f"never verified, as far as {tmp_path / 'verifications.jsonl'} and the ledger tell"
+    assert found.why == f"no verification in {tmp_path / 'verifications.jsonl'} or the ledger"
     assert [(state.state, code) for state, code in (task(tmp_path, 80), task(tmp_path, 91))] == [(State.SOON, 0), (State.DUE, 1)]
 
 

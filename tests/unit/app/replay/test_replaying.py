@@ -99,7 +99,7 @@ def test_no_real_station_is_asked_at_the_pace_of_a_recorded_one(folder: Path, tm
     if is_fine:
         make_plan(RunOptions(path))
     else:
-        with pytest.raises(Problems, match="must not be asked at the pace of"):
+        with pytest.raises(Problems, match="must not run with the timing of"):
             make_plan(RunOptions(path))
 
 

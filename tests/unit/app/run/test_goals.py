@@ -207,7 +207,7 @@ def test_what_can_never_be_reached_is_said_before_a_byte_is_sent(tmp_path: Path)
     line, recipe = tmp_path / "line.toml", tmp_path / "recipe.toml"
     line.write_text(line_text())
     recipe.write_text(RECIPE)
-    with pytest.raises(Problems, match="--until-units 3: serials are to be read while the run goes on"):
+    with pytest.raises(Problems, match="--until-units 3: serials must be read during the run"):
         make_plan(RunOptions(line, recipe, until_units=3, until_joints=5))
     make_plan(RunOptions(line, recipe, until_units=3, metadata=Metadata(reads_units=True)))
     make_plan(RunOptions(line, recipe, until_units=3, metadata=None))  # a dry run: nobody was asked yet
