@@ -314,7 +314,7 @@ def test_wrong_usage(original: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
     for arguments, why in (
         ([str(original), "--record", "again", "--dir", "x"], "--record serves nothing: leave out --dir and --tcp"),
         (["nowhere"], "there is no such folder"),
-        (["empty"], "only a run with --wire can be replayed"),
+        (["empty"], "only a run recorded with --wire can be replayed"),
         ([str(original), "--dir", str(original)], "would be overwritten"),
     ):
         ended = CliRunner().invoke(app, ["replay", *arguments])

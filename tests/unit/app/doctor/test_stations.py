@@ -122,7 +122,7 @@ def test_ports_without_a_tool_that_the_file_does_not_name_are_no_matter() -> Non
 def test_ports_that_are_not_there() -> None:
     one = finding(looked_at(station_cable("hde", "ports = [1]"), "hde", "ports = [1, 3]"))
     assert one.kind == "line.ports"
-    assert one.what == "it has no port 3, which the line file names"
+    assert one.what == "it has no port 3, but the line file lists it"
     assert one.step.endswith("set ports = [1]")
 
 
