@@ -141,7 +141,7 @@ def test_the_service_does_it_when_its_run_was_killed_without_a_guard(line: Serve
 
 
 def test_a_port_in_foreign_hands_keeps_nobody_else_from_being_safe(line: ServedLine, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(safe_state, "REACHED_S", 0.5)
+    monkeypatch.setattr(safe_state, "CONNECT_S", 0.5)
     put_to_work(line)
     foreign = open_port(line.url("ucr-1"), LineFormat())
     try:
