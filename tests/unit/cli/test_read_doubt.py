@@ -12,7 +12,7 @@ from support.virtual.manual import Bench, Make, says, station_text
 
 DDE = station_text("dde-1", "dde", sim="tools = { 1 = 2, 2 = 1 }\ncounters = { work_hours = 120 }")
 JTSE = station_text("jtse-1", "jtse")
-DISPLAY = "ask again, and compare with the station's display"
+DISPLAY = "read it again, and compare with the station's display"
 
 
 def asked(bench: Bench, code: str) -> int:
