@@ -1,6 +1,6 @@
-"""The command line: options in, words out, a file a verb. The only package that prints.
+"""The command line: one file a verb. The only package that prints.
 
-Start with `app.py`, then `run.py`. What is heavy is imported in the verb that needs it, so that `--help` stays quick.
+Start with `app.py`, then `run.py`. A verb imports heavy packages when it runs, so `--help` stays fast.
 """
 
 from jbclog.cli.app import main

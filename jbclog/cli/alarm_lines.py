@@ -1,4 +1,4 @@
-"""Alarm episodes as lines of text: an incident, below it each witness, then the figures of each station."""
+"""Alarm episodes as text: each incident with its episodes, then the KPIs of each station."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from jbclog.analysis.alarms import Detector, Episode, Figures, Incident, State
 if TYPE_CHECKING:
     from jbclog.analysis.run_alarms import Alarms
 
-WITNESS = {Detector.STATION: "flag", Detector.SAMPLES: "samples", Detector.AFTERWARDS: "excursion"}
+DETECTOR_NAMES = {Detector.STATION: "flag", Detector.SAMPLES: "samples", Detector.AFTERWARDS: "excursion"}
 
 
 def lines(found: Alarms) -> list[str]:
-    """Everything; empty where there was nothing."""
+    """Return all lines; none without alarms."""
     body = [line for incident in found.incidents for line in _incident(found, incident)]
     return [
         *body,
@@ -30,11 +30,11 @@ def _incident(found: Alarms, one: Incident) -> Iterator[str]:
     beyond = "" if limit is None else f", limit {limit:g} °C"
     day = datetime.fromtimestamp(one.begin_us / 1e6, UTC).date()
     where = f"{one.number}  {first.station} port {first.port}, {day} UTC"
-    yield f"{where}: {first.side} temperature{beyond}; {_witnesses(one)}; {_state(one)}"
+    yield f"{where}: {first.side} temperature{beyond}; {_detectors(one)}; {_state(one)}"
     for episode in one.episodes:
-        yield f"   {episode.id}  {WITNESS[episode.detector]}: {_span(episode)}"
+        yield f"   {episode.id}  {DETECTOR_NAMES[episode.detector]}: {_span(episode)}"
     if one.finding:
-        yield f"   They do not agree: {one.finding}."
+        yield f"   Detectors disagree: {one.finding}."
     given = found.acknowledgement(one)
     if given is not None:
         yield f"   Acknowledged by {given.who} at {given.time[:19]}Z: {given.why}"
@@ -42,7 +42,7 @@ def _incident(found: Alarms, one: Incident) -> Iterator[str]:
         yield "   Not acknowledged."
 
 
-def _witnesses(one: Incident) -> str:
+def _detectors(one: Incident) -> str:
     return " ".join(f"{detector}{_times(len(those))}" for detector, those in one.by.items() if those)
 
 
@@ -60,8 +60,8 @@ def _span(one: Episode) -> str:
     seconds = "" if one.seconds is None else f", {one.seconds:.1f} s"
     ends = "" if one.end_us is None else f", ended {_between(one.end_earliest_us, one.end_us)}{seconds} ({one.end_reason})"
     peak = "" if one.peak_c is None else f", {'hottest' if one.side == 'high' else 'coldest'} {one.peak_c:g} °C"
-    borne_out = "" if one.is_confirmed else ", borne out by no sample"
-    return f"{begins}{ends}{peak}{borne_out}{', not read for too long meanwhile' if one.is_uncertain else ''}"
+    unconfirmed = "" if one.is_confirmed else ", confirmed by no sample"
+    return f"{begins}{ends}{peak}{unconfirmed}{', reading gap too long' if one.is_uncertain else ''}"
 
 
 def _between(earliest_us: int | None, latest_us: int) -> str:
@@ -79,17 +79,17 @@ def _clock(micros: int | None) -> str:
 def _figures(one: Figures) -> str:
     parts = [f"{one.count} alarm{'s' * (one.count != 1)}, at most {one.most_in_10_min} in 10 minutes"]
     parts.append(f"{len(one.floods)} flood{'s' * (len(one.floods) != 1)}" if one.floods else "no flood")
-    parts += [f"{name} chatters ({count} in a minute)" for name, count in one.chattering.items()]
+    parts += [f"{name} chattering ({count} in a minute)" for name, count in one.chattering.items()]
     parts += [f"{count} {word}" for count, word in ((one.fleeting, "fleeting"), (one.stale, "stale")) if count]
-    parts += [f"one in {_long(one.apart.value)} on average"] if one.apart.value is not None else []
+    parts += [f"one every {_long(one.apart.value)} on average"] if one.apart.value is not None else []
     parts += [_acknowledged(one)] if one.ack_p50.value is not None and one.ack_p95.value is not None else []
     parts.append("most from " + ", ".join(f"{source.name} ({source.percent:g} %)" for source in one.top[:3]))
-    return f"{one.station}, {one.detector} ({WITNESS[one.detector]}): {'; '.join(parts)}"
+    return f"{one.station}, {one.detector} ({DETECTOR_NAMES[one.detector]}): {'; '.join(parts)}"
 
 
 def _acknowledged(one: Figures) -> str:
     half, most = _long(one.ack_p50.value or 0.0), _long(one.ack_p95.value or 0.0)
-    return f"{one.ack_p50.n} acknowledged, half of them within {half} and 95 % within {most}"
+    return f"{one.ack_p50.n} acknowledged, 50 % within {half}, 95 % within {most}"
 
 
 def _long(seconds: float) -> str:

@@ -1,4 +1,4 @@
-"""`jbclog alarms`: the alarm episodes of a run, and acknowledging them."""
+"""`jbclog alarms`: list and acknowledge the alarm episodes of a run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import expect_run
-from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -18,22 +18,22 @@ if TYPE_CHECKING:
 ACK = "ack"
 
 
-@ends_with_errors_told
+@reports_errors
 def alarms(
     words: list[str] = typer.Argument(
-        ..., metavar="RUN | ack RUN EPISODE", help="A run's folder; behind `ack` also the name of an episode.", show_default=False
+        ..., metavar="RUN | ack RUN EPISODE", help="Run folder; after `ack` also an episode.", show_default=False
     ),
-    by: str | None = typer.Option(None, "--by", metavar="WHO", help="Who acknowledges it.", show_default=False),
-    reason: str | None = typer.Option(None, "--reason", metavar="TEXT", help="Why.", show_default=False),
+    by: str | None = typer.Option(None, "--by", metavar="WHO", help="Person who acknowledges.", show_default=False),
+    reason: str | None = typer.Option(None, "--reason", metavar="TEXT", help="Reason.", show_default=False),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Show a run's alarms as episodes, or acknowledge one.
 
-    Each as three sources have it: A the station's flag, B our samples with the alarm's delay and a deadband, C every sample
-    beyond the limit. Onset and end are intervals between two readings. Where the three disagree, a sentence says how; floods,
-    chatter and stale alarms of each station follow. Ends with 1 while an alarm of A or B is not acknowledged.
+    Compares three detectors: A the station's flag, B the samples with on-delay and deadband, C every sample beyond the limit.
+    Start and end are intervals between two readings. Notes where the detectors disagree, and lists floods, chattering and stale
+    alarms of each station (ISA-18.2). Exit code 1: an alarm of A or B is not acknowledged.
 
-    `ack` writes who, when and why to annotations.jsonl, for the whole incident; the record stays as it is.
+    `ack` records who, when and why in annotations.jsonl, for the whole incident; the record does not change.
 
     \b
     Example:
@@ -47,7 +47,7 @@ def alarms(
             raise UsageError("alarms: --by and --reason belong to `alarms ack RUN EPISODE`")
         _show(Path(words[0]), as_json=as_json)
     else:
-        raise UsageError("alarms: give RUN, or ack RUN EPISODE; `jbclog alarms RUN` shows the names of its episodes")
+        raise UsageError("alarms: give RUN, or ack RUN EPISODE; `jbclog alarms RUN` lists the episodes")
 
 
 def _alarms_of(run: Path) -> Alarms:
@@ -62,12 +62,12 @@ def _show(run: Path, *, as_json: bool) -> None:
     waiting = [one for one in found.incidents if found.is_waiting(one)]
     if as_json:
         facts = {"alarms": found.rows(), "figures": found.figure_rows(), "findings": found.findings()}
-        tell_json({"run": str(run), **facts, "not_acknowledged": [one.name for one in waiting]})
+        echo_json({"run": str(run), **facts, "not_acknowledged": [one.name for one in waiting]})
     else:
         from jbclog.cli.alarm_lines import lines
 
-        for line in lines(found) or [f"{run}: no temperature beyond a limit, no flag that counts"]:
-            tell(line)
+        for line in lines(found) or [f"{run}: no alarms"]:
+            echo(line)
     for wrong in _wrong_annotations(run):
         note(wrong)
     if waiting:
@@ -76,7 +76,7 @@ def _show(run: Path, *, as_json: bool) -> None:
 
 
 def _wrong_annotations(run: Path) -> list[str]:
-    """Where the file of acknowledgements was changed or cut, a sentence each; a run that is not sealed has none."""
+    """Return what is wrong with the file of acknowledgements; nothing for a run that is not sealed."""
     from jbclog.core.errors import RecordError
     from jbclog.record.annotations import read
 
@@ -95,20 +95,20 @@ def _acknowledge(run: Path, episode: str, by: str | None, reason: str | None, *,
     found = _alarms_of(run)
     incident = found.incident_of(episode)
     if incident is None:
-        raise UsageError(f"{episode}: {run} has no such episode; `jbclog alarms {run}` shows their names")
+        raise UsageError(f"{episode}: {run} has no such episode; `jbclog alarms {run}` lists them")
     before = found.acknowledgement(incident)
     if before is not None:
-        raise UsageError(f"{episode}: acknowledged already by {before.who} at {before.time} ({before.why})")
+        raise UsageError(f"{episode}: already acknowledged by {before.who} at {before.time} ({before.why})")
     head = append(run, who=who, what=episode, why=why, kind=ACKNOWLEDGED)
     if as_json:
-        tell_json({"run": str(run), "episode": episode, "head": head})
+        echo_json({"run": str(run), "episode": episode, "head": head})
     else:
-        tell(f"{run}: {episode} acknowledged (head of the annotations {short_head(head)})")
+        echo(f"{run}: {episode} acknowledged (annotations fingerprint {short_head(head)})")
 
 
 def _given(option: str, text: str | None) -> str:
-    """Raises `UsageError` where there is nothing, or what could not be shown as it is."""
+    """Return `text`. Raises `UsageError` if it is empty or holds hidden characters."""
     if text is None or not text.strip():
-        raise UsageError(f"alarms ack: {option} is needed: who acknowledges it, and why")
+        raise UsageError(f"alarms ack: {option} is required")
     options.check_text(option, text)
     return text

@@ -1,4 +1,4 @@
-"""`jbclog annotate`: what is said of a run after it was sealed."""
+"""`jbclog annotate`: permanent notes on a sealed run."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import expect_run
-from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import UsageError
 
 
-@ends_with_errors_told
+@reports_errors
 def annotate(
     run: Path = options.RUN,
-    text: str | None = typer.Argument(None, metavar="TEXT", help="The note.", show_default=False),
-    by: str | None = typer.Option(None, "--by", metavar="WHO", help="Who writes it.", show_default=False),
-    reason: str | None = typer.Option(None, "--reason", metavar="TEXT", help="Why.", show_default=False),
+    text: str | None = typer.Argument(None, metavar="TEXT", help="Note.", show_default=False),
+    by: str | None = typer.Option(None, "--by", metavar="WHO", help="Author.", show_default=False),
+    reason: str | None = typer.Option(None, "--reason", metavar="TEXT", help="Reason.", show_default=False),
     unit: str | None = typer.Option(
-        None, "--unit", metavar="SERIAL", help="In place of TEXT: a unit of this run, added late.", show_default=False
+        None, "--unit", metavar="SERIAL", help="Instead of TEXT: a unit of this run.", show_default=False
     ),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Add a permanent note to a sealed run.
 
-    The record itself never changes. Each note is added to annotations.jsonl in the run's folder, each line with the
-    hash of the one before it; `check` finds what was changed there. Nothing can be removed: correct a note with another one.
-    Prints the new head: a note of it elsewhere proves the last line too. Without TEXT it shows the notes so far.
-    With --unit the run is found by that serial, and its joints are that unit's where no other is known.
+    Appends to annotations.jsonl in the run's folder; the record never changes. Each line holds the hash of the one before it, so
+    `check` detects changes. Correct a note by another note. Prints the new fingerprint; a copy kept elsewhere also proves the
+    last line. Without TEXT, lists the notes. --unit adds a serial: `runs` finds the run by it, and joints without a known unit
+    count as its joints.
 
     \b
     Example:
@@ -36,20 +36,20 @@ def annotate(
     """
     expect_run(run)
     if text is not None and unit is not None:
-        raise UsageError("annotate: a TEXT or a --unit, not both in one line")
+        raise UsageError("annotate: give TEXT or --unit, not both")
     if unit is not None:
         from jbclog.record.annotations import LATE
 
-        _say(run, "--unit", unit, by, reason, as_json=as_json, kind=LATE)
+        _add(run, "--unit", unit, by, reason, as_json=as_json, kind=LATE)
     elif text is None:
         if by is not None or reason is not None:
-            raise UsageError("annotate: --by and --reason need a TEXT to stand beside")
+            raise UsageError("annotate: --by and --reason require TEXT")
         _show(run, as_json=as_json)
     else:
-        _say(run, "TEXT", text, by, reason, as_json=as_json)
+        _add(run, "TEXT", text, by, reason, as_json=as_json)
 
 
-def _say(run: Path, option: str, text: str, by: str | None, reason: str | None, *, as_json: bool, kind: str = "note") -> None:
+def _add(run: Path, option: str, text: str, by: str | None, reason: str | None, *, as_json: bool, kind: str = "note") -> None:
     from jbclog.record.annotations import append
     from jbclog.record.chains import short_head
 
@@ -57,15 +57,15 @@ def _say(run: Path, option: str, text: str, by: str | None, reason: str | None, 
     options.check_text(option, text)
     head = append(run, who=who, what=_given(option, text).strip(), why=why, kind=kind)
     if as_json:
-        tell_json({"run": str(run), "head": head})
+        echo_json({"run": str(run), "head": head})
     else:
-        tell(f"{run}: said (head of the annotations {short_head(head)})")
+        echo(f"{run}: note added (annotations fingerprint {short_head(head)})")
 
 
 def _given(option: str, text: str | None) -> str:
-    """Raises `UsageError` where there is nothing, or what could not be shown as it is."""
+    """Return `text`. Raises `UsageError` if it is empty or holds hidden characters."""
     if text is None or not text.strip():
-        raise UsageError(f"annotate: {option} is needed: who says something, what, and why")
+        raise UsageError(f"annotate: {option} is required")
     options.check_text(option, text)
     return text
 
@@ -77,13 +77,13 @@ def _show(run: Path, *, as_json: bool) -> None:
 
     found = read(run)
     if as_json:
-        tell_json({"run": str(run), "said": [asdict(one) for one in found.said], "head": found.head})
+        echo_json({"run": str(run), "said": [asdict(one) for one in found.said], "head": found.head})
     else:
         for one in found.said:
             what = f"unit {one.what}" if one.kind == "unit.late" else one.what
-            tell(f"{one.time[:19].replace('T', ' ')}  {one.who}: {what} ({one.why})")
+            echo(f"{one.time[:19].replace('T', ' ')}  {one.who}: {what} ({one.why})")
         if not found.said:
-            tell(f"{run}: nothing was said of it since it was sealed")
+            echo(f"{run}: no notes")
     for number, wrong in found.wrong:
         note(f"annotations.jsonl: line {number} {wrong}")
     if found.wrong:

@@ -1,4 +1,4 @@
-"""The program: its verbs in the order in which a newcomer meets them."""
+"""The program and its verbs, in the order in which a newcomer meets them."""
 
 from __future__ import annotations
 
@@ -45,22 +45,22 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Logger and process recorder for soldering stations: apply a recipe, prove that it took, record the run, report it.\n\n"
+    help="Apply a recipe to soldering stations, confirm it, record and report.\n\n"
     "Start with `jbclog demo`: it needs no station.\n\n"
-    "Exit codes: 0 fine · 1 ended, and something is not fine · 2 wrong usage, nothing was sent · 3 a station did not start or was "
-    "gone at the end · 4 the record is incomplete · 5 a tool is not in its safe state · 130/143 cut short.",
+    "Exit codes: 0 fine · 1 completed with findings · 2 wrong usage, nothing sent · 3 a station did not start or was disconnected "
+    "at the end · 4 the record is incomplete · 5 a tool is not confirmed safe · 130/143 interrupted.",
 )
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _version(is_set: bool) -> None:
+    if is_set:
         typer.echo(f"jbclog {__version__}")
         raise typer.Exit
 
 
 @app.callback()
 def _main(
-    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version and end."),
+    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version and exit."),
 ) -> None: ...
 
 

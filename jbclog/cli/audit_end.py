@@ -1,4 +1,4 @@
-"""What an audit shows and writes at its end, and its exit code."""
+"""The result of an audit: table, files and exit code."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from jbclog.app.audit.run_audit import STOPPED
-from jbclog.cli.output import note, tell, tell_json
+from jbclog.cli.output import echo, echo_json, note, table_lines
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.text import clean
@@ -22,35 +22,30 @@ from jbclog.report.audit.overview import STATES, DueRow, day, of_life, overview_
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-# -- audit table --------------------------------------------------------------------------------------------------------------
-# An audit on a terminal, for those who go out with the tips: the worst first, below each what is to be done or looked at.
+# -- table: the most urgent station first, below it what to do and what to check ----------------------------------------------
 
 NO_ERROR: Final = frozenset({"ok", "normal, ready"})
 SHOWN: Final = "work_h"
-WIDE: Final = 9
 
 
-def lines(audit: FleetAudit) -> Iterator[str]:
-    """The whole table. No text from outside can leave its line."""
-    return map(clean, _lines(audit))
-
-
-def _lines(audit: FleetAudit) -> Iterator[str]:
+def lines(audit: FleetAudit) -> list[str]:
+    """Return the headline and the table, a line a row."""
     glance = overview_of(audit)
-    yield " ".join(glance.headline[1:]).strip()
     several = len({one.line for one in audit.stations}) > 1
-    names = {id(row): f"{row.station.line}/{row.station.station}" if several else row.station.station for row in glance.rows}
-    width = max(map(len, names.values()), default=0)
-    for row in glance.rows:
-        yield f"{row.state[2].upper() if _is_bad(row) else row.state[2]:{WIDE}} {names[id(row)]:{width}}  {_told(row)}".rstrip()
-        yield from (f"{'':{WIDE}} {word:{WIDE}} {text}" for word, text in _below(row))
+    rows = [cells for row in glance.rows for cells in _rows(row, f"{row.station.line}/" if several else "")]
+    return [clean(" ".join(glance.headline[1:]).strip()), *table_lines((), rows)]
+
+
+def _rows(row: DueRow, line: str) -> Iterator[tuple[str, str, str]]:
+    yield row.state[2].upper() if _is_bad(row) else row.state[2], f"{line}{row.station.station}", _station_text(row)
+    yield from (("", word, text) for word, text in _below(row))
 
 
 def _is_bad(row: DueRow) -> bool:
     return not row.station.seen or (row.worst is not None and row.worst.state in (State.OVERDUE, State.DUE))
 
 
-def _told(row: DueRow) -> str:
+def _station_text(row: DueRow) -> str:
     one, who = row.station, row.station.identity
     if not one.seen:
         return f"{one.why} (last seen: {day(one.last_seen)})"
@@ -65,7 +60,7 @@ def _read(meter: Meter) -> str:
 
 
 def _below(row: DueRow) -> Iterator[tuple[str, str]]:
-    """A word and a sentence for what is to be done, then for what is to be looked at."""
+    """Return pairs of label and text: first what to do, then what to check."""
     one = row.station
     yield from ((STATES[task.state][2], _task(task)) for task in row.tasks if task.state is not State.FINE or task.told_by)
     yield from (("suspect", f"{_place(doubt.port)}{doubt.counter}: {doubt.text}") for doubt in one.doubts)
@@ -80,18 +75,18 @@ def _below(row: DueRow) -> Iterator[tuple[str, str]]:
 def _task(task: TaskState) -> str:
     part = f" ({task.part})" if task.part else ""
     if task.percent is None:
-        return f"{_place(task.port)}{task.title or task.task}{part}: {task.why or 'not known'} (life: {_life(task)})"
-    told = f"; {task.told_by}" if task.told_by else ""
-    return f"{_place(task.port)}{task.title or task.task}{part}: {percent(task.percent)}, {of_life(task)}; {_due(task)}{told}"
+        return f"{_place(task.port)}{task.title or task.task}{part}: {task.why or 'not known'} (interval: {_interval(task)})"
+    source = f"; {task.told_by}" if task.told_by else ""
+    return f"{_place(task.port)}{task.title or task.task}{part}: {percent(task.percent)}, {of_life(task)}; {_due(task)}{source}"
 
 
-def _life(task: TaskState) -> str:
+def _interval(task: TaskState) -> str:
     return of_life(task).partition(" of ")[2]
 
 
 def _due(task: TaskState) -> str:
     when = window(task)
-    return f"used up between {when.replace(' to ', ' and ')}" if task.due is not None and task.due.p90 and task.due.p10 else when
+    return f"due between {when.replace(' to ', ' and ')}" if task.due is not None and task.due.p90 and task.due.p10 else when
 
 
 def _unread(meter: Meter) -> str:
@@ -111,21 +106,21 @@ def _errors(one: StationAudit) -> Iterator[str]:
         yield one.errors.station
     yield from (f"{_place(port)}{text}" for port, text in one.errors.ports.items() if text not in NO_ERROR)
     if one.errors.events:
-        yield "since last time, as runs saw: " + ", ".join(f"{count} {kind}" for kind, count in one.errors.events.items())
+        yield "since the last audit, from runs: " + ", ".join(f"{count} {kind}" for kind, count in one.errors.events.items())
 
 
 def _place(port: int | None) -> str:
     return "" if port is None else f"port {port} "
 
 
-# -- audit end ----------------------------------------------------------------------------------------------------------------
+# -- end ----------------------------------------------------------------------------------------------------------------------
 
 SIGNALLED = 128
 
 
 @dataclass(slots=True)
 class End:
-    """`trouble`: what is wrong with the ledger, or with a file that was to be written. `stopped`: by which signal."""
+    """The result of an audit. `trouble`: errors of the ledger and of output files. `stopped`: the signal that ended it."""
 
     audit: FleetAudit
     trouble: list[str]
@@ -135,7 +130,7 @@ class End:
 
     @property
     def code(self) -> int:
-        """The most severe (docs/reference/exit-codes.md): 4, then 3, then a signal, then 1."""
+        """The most severe exit code (docs/reference/exit-codes.md): 4, then 3, then a signal, then 1."""
         asked = tuple(one for one in self.audit.stations if one.why != STOPPED)
         found = exit_code(replace(self.audit, stations=asked), self.fail_on)
         if self.trouble:
@@ -145,7 +140,7 @@ class End:
         return found
 
     def write(self, html: Path | None, csv: Path | None) -> None:
-        """The files that were asked for: whole, or as they were before."""
+        """Write the output files, each whole or not at all."""
         if csv is not None:
             self._write(csv, sheet_of)
         if html is not None:
@@ -156,16 +151,15 @@ class End:
             write_whole(path, make(self.audit).encode())
             self.files.append(str(path))
         except OSError as error:
-            self.trouble.append(f"{path} cannot be written: {error.strerror or error}")
+            self.trouble.append(f"{path}: cannot write: {error.strerror or error}")
 
-    def tell(self, *, as_json: bool) -> None:
-        """Everything on stdout, what people have to know besides on stderr."""
+    def show(self, *, as_json: bool) -> None:
+        """Print the result on stdout, errors and files on stderr."""
         if as_json:
             beside = {"trouble": self.trouble, "files": self.files, "exit_code": self.code}
-            tell_json(plain_audit(self.audit) | beside)
+            echo_json(plain_audit(self.audit) | beside)
         else:
-            for line in lines(self.audit):
-                tell(line)
+            echo(*lines(self.audit))
         for text in self.trouble:
             note(f"error: {text}")
         for path in self.files:

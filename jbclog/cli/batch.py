@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.output import echo_json, echo_table, note, reports_errors
 from jbclog.cli.streams import never_wait
 from jbclog.core.errors import UsageError
 
@@ -18,21 +18,21 @@ if TYPE_CHECKING:
     from jbclog.cli.batch_progress import Lines, Screen
 
 
-@ends_with_errors_told
+@reports_errors
 def batch(
-    jobs: Path = typer.Argument(..., metavar="JOBS", help="The jobs file.", show_default=False),
+    jobs: Path = typer.Argument(..., metavar="JOBS", help="Jobs file.", show_default=False),
     resume: bool = typer.Option(
         False,
         "--resume",
-        help="Resume what was interrupted, and show first what will be done; never begins anew.",
+        help="Resume an interrupted batch; never start a new one.",
     ),
-    anew: bool = typer.Option(False, "--anew", help="Give up a batch that was interrupted, and begin a new one."),
+    anew: bool = typer.Option(False, "--anew", help="Discard an interrupted batch and start a new one."),
     line: Path | None = typer.Option(
         None,
         "--line",
         "-l",
         metavar="FILE",
-        help="The line file, in place of the jobs file's.",
+        help="Line file; overrides the one in the jobs file.",
         show_default=False,
     ),
     out: Path = options.OUT,
@@ -40,10 +40,9 @@ def batch(
 ) -> None:
     """Run a queue of jobs on the stations of a line.
 
-    In turn on one station, side by side on different ones; each job is a run with a folder of its own. Every file is checked
-    before the first job begins. Ctrl-C ends the jobs that run, with their tools safe. Start a batch that was interrupted
-    or killed again, and it resumes; a job that was half done is recorded again as a new run. On stdout: a table of the jobs,
-    their results, and their runs' folders.
+    Jobs on the same station run one after another, jobs on different stations in parallel. Each job is a run with its own folder.
+    Checks every file before the first job starts. Ctrl-C ends the running jobs and makes their tools safe. To resume an
+    interrupted batch, run the same command; a job that was cut off is recorded again as a new run. Prints a table of the jobs.
 
     \b
     Example:
@@ -54,12 +53,12 @@ def batch(
     from jbclog.app.batch.journal import NAME, home_of
     from jbclog.app.batch.resume import prepare
     from jbclog.app.batch.single_batch import hold
-    from jbclog.cli.batch_progress import beginning, facts, intentions, local, shown_by, table
+    from jbclog.cli.batch_progress import END_COLUMNS, beginning, facts, intentions, local, shown_by, table
     from jbclog.config.job_order import SystemZone
     from jbclog.config.jobs_file import load_jobs
 
     if resume and anew:
-        raise UsageError("--resume goes on, --anew gives up what there is: give one of the two")
+        raise UsageError("--resume continues a batch, --anew discards it: give only one of them")
     never_wait()
     means = Timing(time.time, lambda: time.sleep(LOOK_EVERY_S))
     orders = plan_batch(load_jobs(jobs, line), out)
@@ -69,13 +68,13 @@ def batch(
         shift = prepare(orders, out, means, SystemZone(), resume=resume, anew=anew)
         for text in (*beginning(shift), *(intentions(shift) if resume else ())):
             note(text)
-        shown = shown_by(shift, quiet=as_json)  # a table from here on
+        shown = shown_by(shift, quiet=as_json)
         executor = shift.executor(shown, means)
         code = _carry_out(executor, shown)
         if as_json:
-            tell_json(facts(shift, out, code))
+            echo_json(facts(shift, out, code))
         else:
-            tell(*table(shift, out))
+            echo_table(END_COLUMNS, table(shift, out))
             note(f"journal: {shift.journal.folder / NAME}; exit code {code}")
         executor.finish()
         note(shift.state.closing)
@@ -83,7 +82,7 @@ def batch(
 
 
 def _carry_out(executor: BatchExecutor, shown: Lines | Screen) -> int:
-    """As far as it goes; give the exit code. What follows are last words, which no signal ends."""
+    """Run the batch and return its exit code. A later signal does not cut off the summary."""
     from jbclog.app.run.runner import heard
     from jbclog.transport.event_loop import Signals
 

@@ -1,4 +1,4 @@
-"""What a batch shows: while it runs, and its result."""
+"""Progress and result of a batch, as text and JSON."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 from jbclog.app.batch.state import State
 from jbclog.cli.output import is_terminal, note, wrapped
-from jbclog.cli.progress import Worth, event_line
+from jbclog.cli.progress import EventFilter, event_line
 from jbclog.core.text import clean
 
 if TYPE_CHECKING:
@@ -22,21 +22,18 @@ if TYPE_CHECKING:
     from jbclog.app.batch.state import Attempt, BatchState, JobState, Next
     from jbclog.config.jobs_file import JobTable
 
-# -- batch wording ------------------------------------------------------------------------------------------------------------
-# What a batch comes to, in words: how it begins, what will be done, the table of its jobs, the same as JSON.
-
 NOT_STARTED: Final = "not started"
-END_COLUMNS: Final = ("job", "stations", "came to", "exit", "verdict", "began", "took", "run")
+END_COLUMNS: Final = ("job", "stations", "result", "exit", "verdict", "started", "duration", "run")
 LOCAL: Final = "%Y-%m-%d %H:%M"
 
 
 def local(utc_s: float) -> str:
-    """A moment as the clock on the wall shows it, with its zone: jobs files are written in local time."""
+    """Return local time with its zone, as jobs files use it."""
     return time.strftime(f"{LOCAL} %Z", time.localtime(utc_s))
 
 
 def seconds(iso: str) -> float:
-    """A time of the journal as seconds since 1970 UTC."""
+    """Return a time of the journal in seconds since 1970, UTC."""
     from datetime import datetime
 
     return datetime.fromisoformat(iso).timestamp()
@@ -51,39 +48,37 @@ def span(passed_s: float) -> str:
     return f"{minutes}:{rest:02}" if minutes else f"{rest} s"
 
 
-# -- before -----------------------------------------------------------------------------------------------------------------
+# -- start ------------------------------------------------------------------------------------------------------------------
 
 
 def beginning(shift: PreparedBatch) -> Iterator[str]:
-    """Whether it begins or is gone on with, and what waits for which moment."""
+    """Return whether the batch starts or resumes, and which jobs wait for a time."""
     jobs = shift.state.jobs
     count = f"{len(jobs)} job{'' if len(jobs) == 1 else 's'}"
     if shift.is_new:
-        yield f"batch of {count} on line {shift.plan.line.name}; its journal is in {shift.journal.folder}"
+        yield f"batch of {count} on line {shift.plan.line.name}; journal: {shift.journal.folder}"
     else:
         over = sum(job.is_over and not (job.last and job.last.again) for job in jobs.values())
         begun = local(seconds(shift.state.begun or shift.state.last))
-        yield f"the batch of {begun} was not finished: going on where it was, with {over} of {count} behind it"
+        yield f"resuming the batch of {begun}: {over} of {count} done"
     for job in jobs.values():
         if job.due is not None and not job.is_over and not job.attempts:
             yield f"{job.name} waits until {local(job.due)}"
 
 
 def intentions(shift: PreparedBatch) -> Iterator[str]:
-    """A line for each job: how it stands, and what will be done about it."""
+    """Return a line per job: its state and the next step."""
     width = max(len(name) for name in shift.state.jobs)
     for job, text in shift.next_steps():
         yield f"  {job.name:{width}}  {text}"
 
 
-# -- after ------------------------------------------------------------------------------------------------------------------
+# -- result -----------------------------------------------------------------------------------------------------------------
 
 
-def table(shift: PreparedBatch, out: Path) -> list[str]:
-    """The jobs in the file's order, a line each; a job that was begun more than once has a line for each of its runs."""
-    rows = [END_COLUMNS, *(row for job in _in_file_order(shift) for row in _rows(shift, job, out))]
-    widths = [max(len(row[place]) for row in rows) for place in range(len(END_COLUMNS))]
-    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+def table(shift: PreparedBatch, out: Path) -> list[Sequence[str]]:
+    """Return the rows of `END_COLUMNS`: a row for each attempt at a job, in the order of the jobs file."""
+    return [row for job in _in_file_order(shift) for row in _rows(shift, job, out)]
 
 
 def _in_file_order(shift: PreparedBatch) -> list[JobState]:
@@ -103,7 +98,7 @@ def _rows(shift: PreparedBatch, job: JobState, out: Path) -> Iterator[Sequence[s
 
 
 def state_of(job: JobState) -> str:
-    """How it stands, when nothing more will be done."""
+    """Return the job's state at the end of the batch."""
     return job.state.value if job.is_over else NOT_STARTED
 
 
@@ -116,7 +111,7 @@ def _cells(attempt: Attempt, out: Path) -> Sequence[str]:
 
 
 def facts(shift: PreparedBatch, out: Path, code: int) -> dict[str, object]:
-    """The same for programs."""
+    """Return the result of the batch as JSON data."""
     state = shift.state
     return {
         "batch": str(shift.plan.file.path),
@@ -153,29 +148,29 @@ def _attempt_facts(attempt: Attempt, out: Path) -> dict[str, object]:
     }
 
 
-# -- batch progress -----------------------------------------------------------------------------------------------------------
+# -- progress -----------------------------------------------------------------------------------------------------------------
 
 SHOW_EVERY_S: Final = 1.0
-COLUMNS: Final = ("job", "stations", "so far", "now", "tools", "alarms")
+COLUMNS: Final = ("job", "stations", "progress", "now", "tools", "alarms")
 
 
 class _Follower:
-    """The events of one job that are worth telling, as they come."""
+    """The events of one job that are worth showing, as they arrive."""
 
     def __init__(self, job_dir: JobDir) -> None:
         self.job_dir = job_dir
-        self._worth = Worth()
+        self._filter = EventFilter()
         self._read = 0
 
     def news(self) -> Iterator[str]:
         events, self._read = self.job_dir.events(self._read)
         for event in events:
-            if self._worth.telling(event):
+            if self._filter.passes(event):
                 yield event_line(event)
 
 
 class Lines:
-    """For a log or a pipe: a line for each job that begins or ends, and for each event that is worth telling."""
+    """Lines for a log or a pipe: one for each job that starts or ends, one for each event worth showing."""
 
     def __init__(self, shift: PreparedBatch) -> None:
         self._batch = shift
@@ -184,11 +179,11 @@ class Lines:
         self._shown = 0.0
 
     def started(self, job: JobState) -> None:
-        again = "" if len(job.attempts) == 1 else ", again, as a new run"
-        self.message(f"{job.name} begins on {', '.join(self._batch.plan.stations[job.name])}{again}")
+        again = "" if len(job.attempts) == 1 else ", again as a new run"
+        self.message(f"{job.name} starts on {', '.join(self._batch.plan.stations[job.name])}{again}")
 
     def ended(self, job: JobState) -> None:
-        self._tell_news(job)
+        self._print_news(job)
         self._followed.pop(job.name, None)
         if job.state is State.SKIPPED or job.last is None:
             self.message(job.text.rstrip("."))
@@ -205,20 +200,20 @@ class Lines:
         if now - self._shown >= SHOW_EVERY_S:
             self._shown = now
             for job in state.running():
-                self._tell_run(job)
-                self._tell_news(job)
+                self._print_run(job)
+                self._print_news(job)
             self._second(state, following)
 
     def close(self) -> None:
         return
 
-    def _tell_run(self, job: JobState) -> None:
+    def _print_run(self, job: JobState) -> None:
         run = job.last and job.last.run
         if run and run not in self._recording:
             self._recording.add(run)
             self.message(f"{job.name} records into {run}")
 
-    def _tell_news(self, job: JobState) -> None:
+    def _print_news(self, job: JobState) -> None:
         for text in self._follow(job).news():
             self._print(f"{job.name}: {text}")
 
@@ -240,7 +235,7 @@ class Lines:
 
 
 class Screen(Lines):
-    """For a person: a table that is renewed each second, what happens above it."""
+    """Live table for a terminal, with the events above it."""
 
     def __init__(self, shift: PreparedBatch) -> None:
         from rich.console import Console
@@ -249,7 +244,7 @@ class Screen(Lines):
         super().__init__(shift)
         self._asked: dict[str, JobTable] = {job.name: job for job in shift.plan.file.jobs}
         self._console = Console(stderr=True, no_color="NO_COLOR" in os.environ, highlight=False)
-        # stdout is for data: what is told there must not be shown on stderr because a table is
+        # stdout is for data: rich must not redirect it to stderr while it shows a table
         self._live: Live | None = Live(
             console=self._console, auto_refresh=False, transient=True, redirect_stdout=False, redirect_stderr=False
         )
@@ -279,7 +274,7 @@ class Screen(Lines):
 
     def _cells(self, job: JobState, now: JobProgress) -> tuple[str, ...]:
         stations = ", ".join(self._batch.plan.stations[job.name])
-        away = f"; away: {', '.join(now.away)}" if now.away else ""
+        away = f"; disconnected: {', '.join(now.away)}" if now.away else ""
         return job.name, stations, so_far(self._asked[job.name], now), now.doing + away, tools(now), str(now.alarms or "")
 
 
@@ -296,7 +291,7 @@ def title(state: BatchState, following: Next) -> str:
 
 
 def so_far(asked: JobTable, now: JobProgress) -> str:
-    """How far a job has come towards its end."""
+    """Return the job's progress towards its end."""
     passed = span(now.passed_s) + (f" of {asked.duration}" if asked.duration else "")
     if asked.units is not None:
         return f"{now.units} of {asked.units} units, {passed}"
@@ -304,7 +299,7 @@ def so_far(asked: JobTable, now: JobProgress) -> str:
 
 
 def tools(now: JobProgress) -> str:
-    """What the tools do and how warm they are: ``working 346 to 352 °C``."""
+    """Return the states and temperatures of the tools: ``working 346 to 352 °C``."""
     states = dict.fromkeys(port.status for port in now.ports if port.status)
     known = sorted(port.temperature_c for port in now.ports if port.temperature_c is not None)
     warm = "" if not known else f"{known[0]:g} °C" if known[0] == known[-1] else f"{known[0]:g} to {known[-1]:g} °C"
@@ -312,5 +307,5 @@ def tools(now: JobProgress) -> str:
 
 
 def shown_by(shift: PreparedBatch, *, quiet: bool) -> Lines | Screen:
-    """The table on a terminal, lines elsewhere or where stdout is for a program."""
+    """Return the live table on a terminal, lines elsewhere and with --json."""
     return Screen(shift) if is_terminal() and not quiet else Lines(shift)

@@ -1,4 +1,4 @@
-"""`jbclog chart`: a control chart within a run, or over runs."""
+"""`jbclog chart`: control charts within a run or over runs."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.options import expect_file_place, expect_run, is_folder
-from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.options import NO_FOLDER, expect_file_place, expect_run, is_folder
+from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
@@ -19,46 +19,46 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".svg", ".pdf")
 
 
-@ends_with_errors_told
+@reports_errors
 def chart(
-    source: Path = typer.Argument(..., metavar="RUN|DIR", help="A run's folder, or a folder of runs.", show_default=False),
+    source: Path = typer.Argument(..., metavar="RUN|DIR", help="Run folder, or folder of runs.", show_default=False),
     metric: str = typer.Option(
-        "recovery_s", "--metric", "-m", metavar="NAME", help="A metric of joints (RUN) or runs (DIR); alarms, rejects, losses."
+        "recovery_s", "--metric", "-m", metavar="NAME", help="Metric of joints (RUN) or runs (DIR); alarms, rejects, losses."
     ),
     kind: str | None = typer.Option(
-        None, "--kind", "-k", metavar="KIND", help="imr, ewma, cusum, xbar-s; u, p, pareto for counts.", show_default=False
+        None, "--kind", "-k", metavar="KIND", help="Chart: imr, ewma, cusum, xbar-s; for counts u, p, pareto.", show_default=False
     ),
-    station: str | None = typer.Option(None, "--station", "-s", metavar="NAME", help="Only this station.", show_default=False),
+    station: str | None = typer.Option(None, "--station", "-s", metavar="NAME", help="Station; default: all.", show_default=False),
     port: int | None = options.PORT,
-    lower: float | None = typer.Option(None, metavar="VALUE", help="Lower limit for capability.", show_default=False),
-    upper: float | None = typer.Option(None, metavar="VALUE", help="Upper limit for capability.", show_default=False),
+    lower: float | None = typer.Option(None, metavar="VALUE", help="Lower specification limit.", show_default=False),
+    upper: float | None = typer.Option(None, metavar="VALUE", help="Upper specification limit.", show_default=False),
     limits: Path | None = typer.Option(
-        None, "--limits", metavar="FILE", help="Fixed control limits (`jbclog limits learn`).", show_default=False
+        None, "--limits", metavar="FILE", help="Fixed control limits, from `jbclog limits learn`.", show_default=False
     ),
-    size: int = typer.Option(5, "--size", min=2, max=1000, metavar="N", help="Values in a subgroup (xbar-s)."),
-    every: str = typer.Option("10m", "--every", metavar="TIME", help="Stretch in which a run's alarms are counted."),
-    all_tests: bool = typer.Option(False, "--all-tests", help="All eight of Nelson's tests. Default: 1, 2, 3 and 5."),
-    plot: Path | None = typer.Option(None, "--plot", metavar="FILE", help="Draw it: a .png, .svg or .pdf file."),
+    size: int = typer.Option(5, "--size", min=2, max=1000, metavar="N", help="Subgroup size (xbar-s)."),
+    every: str = typer.Option("10m", "--every", metavar="TIME", help="Interval in which a run's alarms are counted."),
+    all_tests: bool = typer.Option(False, "--all-tests", help="All eight Nelson tests; default: 1, 2, 3, 5."),
+    plot: Path | None = typer.Option(None, "--plot", metavar="FILE", help="Chart file: .png, .svg or .pdf."),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Show control charts and capability within a run or over runs.
 
-    Each port has its own chart. Limits follow the distribution that fits the values. Values that are too few, alike to their
-    neighbours or below their resolution have no limits, and the reason is given. --limits adds fixed limits from a file.
+    Draws one chart per port, with limits from the distribution that fits the values. Refuses limits, and gives the reason, for
+    values that are too few, autocorrelated or not resolved. --limits adds fixed limits from a file.
 
     \b
     Example:
       jbclog chart runs/20261121T013000Z-bench-3-k7qd --metric dwell_s --upper 4 --plot dwell.png
     """
     if plot is not None and plot.suffix.lower() not in PICTURES:
-        raise UsageError(f"--plot {plot}: give a file that ends in {', '.join(PICTURES)}")
+        raise UsageError(f"--plot {plot}: must end in {', '.join(PICTURES)}")
     expect_file_place("--plot", plot)
     from jbclog.analysis.charts import COUNTED
 
     if metric in COUNTED:
         for option, given in (("--limits", limits), ("--lower", lower), ("--upper", upper)):
             if given is not None:
-                raise UsageError(f"{option} is for metrics that are measured; {metric} are counted")
+                raise UsageError(f"{option} applies to measured metrics; {metric} are counts")
         found: list[Charted | Counted | Ranked] = [_counted(source, metric, kind, every)]
         cited = None
     else:
@@ -68,17 +68,17 @@ def chart(
         held = None if read is None else read[0]
         found = [*_measured(source, metric, kind or "imr", station, port, lower, upper, size, held, all_tests=all_tests)]
         cited = None if read is None else read[1]
-    _tell(found, source, metric, cited, as_json=as_json)
+    _print(found, source, metric, cited, as_json=as_json)
     if plot is not None:
         _draw(found, plot)
 
 
 def _is_run(source: Path) -> bool:
-    """Whether it is one run; else a folder of runs. Raises `UsageError` where it is no folder."""
+    """Return whether `source` is one run; else it is a folder of runs. Raises `UsageError`."""
     from jbclog.record.recover import is_run
 
     if not is_folder(source):
-        raise UsageError(f"{source}: there is no such folder; runs are in `runs/`, or where --out put them")
+        raise UsageError(NO_FOLDER.format(source))
     if not is_run(Path(os.path.realpath(source))):
         return False
     expect_run(source)
@@ -105,7 +105,7 @@ def _measured(
     from jbclog.analysis.trend import expect_limits
 
     if kind not in OF_VALUES:
-        raise UsageError(f"--kind {kind}: {metric} has {', '.join(OF_VALUES)}")
+        raise UsageError(f"--kind {kind}: {metric} has the charts {', '.join(OF_VALUES)}")
     expect_limits(lower, upper)
     if _is_run(source):
         series = series_of_run(open_run(source), metric, station, port)
@@ -127,11 +127,11 @@ def _counted(source: Path, metric: str, kind: str | None, every: str) -> Counted
 
     possible = charts.COUNTED[metric]
     if kind not in (None, *possible):
-        raise UsageError(f"--kind {kind}: {metric} has {', '.join(possible)}")
+        raise UsageError(f"--kind {kind}: {metric} has the charts {', '.join(possible)}")
     is_run, is_ranked = _is_run(source), (kind or possible[0]) == "pareto"
     if metric == "rejects":
         if is_run:
-            raise UsageError("rejects are counted over runs: give the folder of runs")
+            raise UsageError("rejects are counted over runs: give a folder of runs")
         return charts.rejects(open_runs(source))
     if is_ranked:
         rank = charts.ranked_alarms if metric == "alarms" else charts.ranked_losses
@@ -144,17 +144,17 @@ def _counted(source: Path, metric: str, kind: str | None, every: str) -> Counted
     return charts.alarms_in_run(open_run(source), seconds)
 
 
-def _tell(found: list[Charted | Counted | Ranked], source: Path, metric: str, cited: str | None, *, as_json: bool) -> None:
+def _print(found: list[Charted | Counted | Ranked], source: Path, metric: str, cited: str | None, *, as_json: bool) -> None:
     from jbclog.analysis.chart_words import facts, lines
 
     if as_json:
-        tell_json({"source": str(source), "metric": metric, "limits_sha256": cited, "charts": [facts(one) for one in found]})
+        echo_json({"source": str(source), "metric": metric, "limits_sha256": cited, "charts": [facts(one) for one in found]})
         return
     for one in found:
         for text in lines(one):
-            tell(text)
+            echo(text)
     if cited is not None:
-        tell(f"fixed limits: SHA-256 {cited}")
+        echo(f"fixed limits: SHA-256 {cited}")
     if not found:
         note(f"{source}: no values of {metric}")
 
@@ -165,5 +165,5 @@ def _draw(found: list[Charted | Counted | Ranked], plot: Path) -> None:
     try:
         chart_figure(found).savefig(plot, dpi=150)
     except OSError as error:
-        raise RecordError(f"{plot} cannot be written: {error.strerror or error}") from error
+        raise RecordError(f"{plot}: cannot write: {error.strerror or error}") from error
     note(f"written: {plot}")

@@ -9,7 +9,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import expect_file_place, expect_run
-from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".svg", ".pdf")
 
 
-@ends_with_errors_told
+@reports_errors
 def compare(
-    first: Path = typer.Argument(..., metavar="RUN", help="A run's folder.", show_default=False),
-    second: Path = typer.Argument(..., metavar="RUN", help="The other run's folder.", show_default=False),
-    margin: float = typer.Option(2.0, metavar="C", help="How far apart idle means may be, in °C, to count as equivalent."),
-    plot: Path | None = typer.Option(None, "--plot", metavar="FILE", help="Draw both: a .png, .svg or .pdf file."),
+    first: Path = typer.Argument(..., metavar="RUN", help="Run folder.", show_default=False),
+    second: Path = typer.Argument(..., metavar="RUN", help="Other run folder.", show_default=False),
+    margin: float = typer.Option(2.0, metavar="C", help="Equivalence margin of idle means, in °C."),
+    plot: Path | None = typer.Option(None, "--plot", metavar="FILE", help="Chart file: .png, .svg or .pdf."),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Show two runs side by side, and what differs.
+    """Compare two runs side by side.
 
-    Differences are the second minus the first. Whether two tips idle the same is asked by two one-sided tests within --margin
-    (TOST, 5 %): equivalent, different, or not known. That nothing was found to differ is no proof that nothing does.
+    Differences are second minus first. Tests the equivalence of two idle temperatures by two one-sided tests within --margin
+    (TOST, 5 %): equivalent, different or not known. Finding no difference does not prove equality.
 
     \b
     Example:
@@ -38,7 +38,7 @@ def compare(
     for run in (first, second):
         expect_run(run)
     if plot is not None and plot.suffix.lower() not in PICTURES:
-        raise UsageError(f"--plot {plot}: give a file that ends in {', '.join(PICTURES)}")
+        raise UsageError(f"--plot {plot}: must end in {', '.join(PICTURES)}")
     expect_file_place("--plot", plot)
     from jbclog.analysis.compare import compare as compared
     from jbclog.analysis.compare import facts, lines
@@ -46,10 +46,10 @@ def compare(
 
     found = compared(open_run(first), open_run(second), margin)
     if as_json:
-        tell_json(facts(found))
+        echo_json(facts(found))
     else:
         for text in lines(found):
-            tell(text)
+            echo(text)
     if plot is not None:
         _draw(found, plot)
 
@@ -60,5 +60,5 @@ def _draw(found: Comparison, plot: Path) -> None:
     try:
         overlay(found).savefig(plot, dpi=150)
     except OSError as error:
-        raise RecordError(f"{plot} cannot be written: {error.strerror or error}") from error
+        raise RecordError(f"{plot}: cannot write: {error.strerror or error}") from error
     note(f"written: {plot}")

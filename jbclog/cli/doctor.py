@@ -8,24 +8,24 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.output import echo, echo_json, note, reports_errors
 
 if TYPE_CHECKING:
     from jbclog.app.doctor import Looked
 
-LINE = typer.Option(None, "--line", "-l", metavar="FILE", help="Ask the stations of this line file, too.", show_default=False)
+LINE = typer.Option(None, "--line", "-l", metavar="FILE", help="Line file: also check its stations.", show_default=False)
 
 
-@ends_with_errors_told
+@reports_errors
 def doctor(
     line: Path | None = LINE,
-    out: Path = typer.Option(Path("runs"), "--out", "-o", metavar="DIR", help="The folder that runs are to be recorded in."),
+    out: Path = typer.Option(Path("runs"), "--out", "-o", metavar="DIR", help="Folder of runs to check."),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Diagnose this machine's setup and suggest fixes.
 
-    Looks at the folder for runs, the clock and the USB serial ports; with a line file, at each of its stations, with questions
-    only. A port that a run or another program holds is left alone. Ends with 1 where there is a finding.
+    Checks the folder of runs, the clock and the USB serial ports; with --line also each station, by queries only. Skips ports in
+    use. Exit code 1: at least one finding.
 
     \b
     Example:
@@ -36,27 +36,27 @@ def doctor(
 
     loaded = load_line(line) if line else None
     if loaded and not as_json:
-        note(f"asking the stations of {loaded.path}; one that does not answer takes half a minute")
+        note(f"checking the stations of {loaded.path}; one that does not answer takes up to 30 s")
     looked = examine(loaded, out)
     findings = [one for one in looked if not isinstance(one, Fine)]
     if as_json:
-        tell_json({"fine": not findings, "looked": [_facts(one) for one in looked]})
+        echo_json({"fine": not findings, "looked": [_facts(one) for one in looked]})
     else:
-        _tell(looked)
-        tell(f"{len(findings)} finding{'' if len(findings) == 1 else 's'}" if findings else "everything is fine")
+        _print(looked)
+        echo(f"{len(findings)} finding{'' if len(findings) == 1 else 's'}" if findings else "no findings")
     if findings:
         raise typer.Exit(1)
 
 
-def _tell(looked: list[Looked]) -> None:
+def _print(looked: list[Looked]) -> None:
     from jbclog.app.doctor import Fine
 
     for one in looked:
         if isinstance(one, Fine):
-            tell(f"fine     {one.where}: {one.what}")
+            echo(f"fine     {one.where}: {one.what}")
         else:
-            tell(f"FINDING  {one.where}: {one.what}")
-            tell(f"  step   {one.step}")
+            echo(f"FINDING  {one.where}: {one.what}")
+            echo(f"  step   {one.step}")
 
 
 def _facts(one: Looked) -> dict[str, object]:

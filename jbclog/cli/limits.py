@@ -9,28 +9,28 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import expect_run
-from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import RecordError, UsageError
 
 LEARN, SHOW = "learn", "show"
 
 
-@ends_with_errors_told
+@reports_errors
 def limits(
     words: list[str] = typer.Argument(
-        ..., metavar="learn RUN... | show FILE", help="Runs to learn from, or a file of limits.", show_default=False
+        ..., metavar="learn RUN... | show FILE", help="Runs to learn from, or limits file.", show_default=False
     ),
-    metric: str = typer.Option("recovery_s", "--metric", "-m", metavar="NAME", help="A metric of joints."),
-    station: str | None = typer.Option(None, "--station", "-s", metavar="NAME", help="Only this station.", show_default=False),
+    metric: str = typer.Option("recovery_s", "--metric", "-m", metavar="NAME", help="Metric of joints."),
+    station: str | None = typer.Option(None, "--station", "-s", metavar="NAME", help="Station; default: all.", show_default=False),
     port: int | None = options.PORT,
-    out: Path = typer.Option(Path("limits.json"), "--out", "-o", metavar="FILE", help="The file to write; it must not exist."),
+    out: Path = typer.Option(Path("limits.json"), "--out", "-o", metavar="FILE", help="Limits file to write; must not exist."),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Learn fixed control limits from stable runs, or show them.
 
-    A phase I study: the joints of the runs, in the order given, for each port. A port gets limits where its values are stable and
-    a distribution fits them; else the reason is given, and the program ends with 1. `jbclog chart --limits` cites the file by its
-    SHA-256.
+    Performs a phase I study (Montgomery) of each port, over the joints of the runs in the order given. Sets limits where the values
+    are stable and a distribution fits; otherwise gives the reason and ends with exit code 1. `jbclog chart --limits` cites the
+    file by its SHA-256.
 
     \b
     Example:
@@ -48,7 +48,7 @@ def _learn(runs: list[Path], metric: str, station: str | None, port: int | None,
     for run in runs:
         expect_run(run)
     if out.exists():
-        raise UsageError(f"--out {out} is there already; charts cite limits by their hash, so give another name")
+        raise UsageError(f"--out {out} exists; charts cite limits by their hash, so give another name")
     from jbclog.analysis.charts import Source, as_bytes, joined, joint_metrics, learn, limits_of, series_of_run
     from jbclog.analysis.run import open_run
     from jbclog.analysis.spc import Refused
@@ -67,10 +67,10 @@ def _learn(runs: list[Path], metric: str, station: str | None, port: int | None,
         try:
             write_new(out, data)
         except OSError as error:
-            raise RecordError(f"{out} cannot be written: {error.strerror or error}") from error
+            raise RecordError(f"{out}: cannot write: {error.strerror or error}") from error
         _show(out, as_json=as_json, refused=refused)
     elif as_json:
-        tell_json({"file": None, "limits": [], "refused": refused})
+        echo_json({"file": None, "limits": [], "refused": refused})
     if refused or not found:
         note(f"{len(found)} of {len(learnt)} ports have limits")
         raise typer.Exit(1)
@@ -83,11 +83,11 @@ def _show(path: Path, *, as_json: bool, refused: dict[str, str] | None = None) -
 
     found, sha256 = read_limits(path)
     if as_json:
-        tell_json({"file": str(path), "sha256": sha256, **asdict(found), "refused": refused or {}})
+        echo_json({"file": str(path), "sha256": sha256, **asdict(found), "refused": refused or {}})
         return
     for one in found.limits:
         edges = f"{one.lower:.4g} to {one.upper:.4g} {found.unit} ({one.distribution}, n {one.n})"
-        tell(f"{one.station} port {one.port}  {found.metric}  centre {one.centre:.4g}, limits {edges}")
+        echo(f"{one.station} port {one.port}  {found.metric}  centre {one.centre:.4g}, limits {edges}")
     for source in found.sources:
-        tell(f"from {source.run}  {source.manifest_sha256}")
-    tell(f"{path}: SHA-256 {sha256}")
+        echo(f"from {source.run}  {source.manifest_sha256}")
+    echo(f"{path}: SHA-256 {sha256}")

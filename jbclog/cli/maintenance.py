@@ -1,4 +1,4 @@
-"""`jbclog maintenance`: what people did to the stations, told to the ledger of the counter audit."""
+"""`jbclog maintenance`: record maintenance in the counter ledger, or list it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.output import ends_with_errors_told, tell, tell_json
+from jbclog.cli.output import echo, echo_json, echo_table, reports_errors
 from jbclog.core.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
@@ -21,36 +21,32 @@ if TYPE_CHECKING:
     from jbclog.maintenance.ledger import Book
 
 DONE, LIST = "done", "list"
-STATION = typer.Option(None, "--station", "-s", metavar="NAME", help="Which station; LINE/NAME where two lines have it.")
-TASK = typer.Option(None, "--task", metavar="NAME", help="Which task, such as tip-change.", show_default=False)
-AT = typer.Option(None, "--at", metavar="TIME", help="When: a day or a time, UTC. Default: now.", show_default=False)
-PART = typer.Option(None, "--tip", "--part", metavar="ID", help="The new tip, cartridge or other part.", show_default=False)
+COLUMNS = ("time", "station", "task", "by", "part", "note")
+STATION = typer.Option(None, "--station", "-s", metavar="NAME", help="Station; LINE/NAME if two lines have it.")
+TASK = typer.Option(None, "--task", metavar="NAME", help="Task, such as tip-change.", show_default=False)
+PART = typer.Option(None, "--tip", "--part", metavar="ID", help="New tip, cartridge or part.", show_default=False)
 
 
-@ends_with_errors_told
+@reports_errors
 def maintenance(
-    word: str = typer.Argument(
-        ..., metavar="done|list", help="Record what was done, or list what was recorded.", show_default=False
-    ),
+    word: str = typer.Argument(..., metavar="done|list", help="Record maintenance, or list it.", show_default=False),
     station: str | None = STATION,
     task: str | None = TASK,
     part: str | None = PART,
     port: int | None = options.PORT,
-    by: str | None = typer.Option(None, "--by", metavar="WHO", help="Who did it. Default: who is logged in.", show_default=False),
-    at: str | None = typer.Option(
-        None, "--at", metavar="TIME", help="When: a day or a time, UTC. Default: now.", show_default=False
-    ),
-    remark: str = typer.Option("", "--note", metavar="TEXT", help="Anything to be kept beside it."),
-    ledger: Path = typer.Option(Path("counters.jsonl"), "--ledger", metavar="FILE", help="The ledger of `jbclog audit`."),
-    line: Path | None = typer.Option(None, "--line", "-l", metavar="FILE", help="For a station that no audit has seen yet."),
-    tasks: Path | None = typer.Option(None, "--tasks", metavar="FILE", help="The tasks file, for tasks of other names."),
+    by: str | None = typer.Option(None, "--by", metavar="WHO", help="Person; default: the user logged in.", show_default=False),
+    at: str | None = typer.Option(None, "--at", metavar="TIME", help="Day or time, UTC; default: now.", show_default=False),
+    remark: str = typer.Option("", "--note", metavar="TEXT", help="Note."),
+    ledger: Path = typer.Option(Path("counters.jsonl"), "--ledger", metavar="FILE", help="Ledger of `jbclog audit`."),
+    line: Path | None = typer.Option(None, "--line", "-l", metavar="FILE", help="Line file, for a station not yet audited."),
+    tasks: Path | None = typer.Option(None, "--tasks", metavar="FILE", help="Tasks file, for other task names."),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Record maintenance done on a station, or list it.
 
-    `done` appends to the ledger what was done, by whom and when; `jbclog audit` counts a task's service interval from there. The
-    tasks counters-reset and station-replaced record what happened to the counters themselves. Nothing is changed or taken back: a
-    mistake is put right by one more line.
+    `done` appends the task, who did it and when to the ledger; `jbclog audit` counts the service interval from there. The tasks
+    counters-reset and station-replaced record events of the counters themselves. The ledger is append-only: correct a mistake
+    by another line.
 
     \b
     Example:
@@ -65,7 +61,7 @@ def maintenance(
     if word != DONE or station is None or task is None:
         raise UsageError("maintenance: give `done` with --station and --task, or `list`")
     if by is not None and not by.strip():
-        raise UsageError("--by: say who did it")
+        raise UsageError("--by: must not be empty")
     from jbclog.maintenance.counter_totals.observed import Fact
     from jbclog.maintenance.fleet_of_ledger import expect_port, place_of, task_of
 
@@ -101,12 +97,12 @@ def _names(tasks: Path | None) -> Sequence[str] | None:
 
 
 def _moment(text: str, now: datetime) -> datetime:
-    """When it was done. Raises `UsageError` where that is still to come."""
+    """Return the time of the maintenance. Raises `UsageError` if it is in the future."""
     from jbclog.cli.runs import moment
 
     found = moment("--at", text)
     if found is None or found > now:
-        raise UsageError(f"--at {text}: that is still to come")
+        raise UsageError(f"--at {text}: is in the future")
     return found
 
 
@@ -118,10 +114,10 @@ def _user() -> str:
     try:
         return getpass.getuser()
     except (KeyError, OSError, ImportError):
-        raise UsageError("--by: nobody is logged in; say who did it") from None
+        raise UsageError("--by: the login name is not known; give a name") from None
 
 
-# -- keeping and showing ------------------------------------------------------------------------------------------------------
+# -- ledger -------------------------------------------------------------------------------------------------------------------
 
 
 def _keep(fact: Fact, ledger: Path, *, as_json: bool) -> None:
@@ -129,30 +125,28 @@ def _keep(fact: Fact, ledger: Path, *, as_json: bool) -> None:
 
     (kept,) = add(ledger, [fact])
     if as_json:
-        tell_json({**asdict(kept), "ledger": str(ledger)})
+        echo_json({**asdict(kept), "ledger": str(ledger)})
     else:
-        tell(f"{_line(fact)}  kept as line {kept.seq} of {ledger}")
+        echo(f"{'  '.join(filter(None, _cells(fact)))}  (line {kept.seq} of {ledger})")
     _expect_sound(_read(ledger))
 
 
 def _list(book: Book, station: str | None, *, as_json: bool) -> None:
-    """Oldest first, by when it was done."""
+    """List the maintenance, oldest first."""
     from jbclog.maintenance.fleet_of_ledger import place_of
 
     place = None if station is None else place_of(station, book)
     facts = sorted((one for one in book.facts if place in (None, (one.line, one.station))), key=lambda one: one.time)
     if as_json:
-        tell_json({"ledger": str(book.path), "facts": [asdict(one) for one in facts], "wrong": book.sentences})
+        echo_json({"ledger": str(book.path), "facts": [asdict(one) for one in facts], "wrong": book.sentences})
     else:
-        for one in facts:
-            tell(_line(one))
+        echo_table(COLUMNS, map(_cells, facts))
     _expect_sound(book)
 
 
-def _line(fact: Fact) -> str:
+def _cells(fact: Fact) -> tuple[str, ...]:
     where = fact.station if fact.port is None else f"{fact.station} port {fact.port}"
-    told = filter(None, (fact.part, fact.text))
-    return "  ".join((fact.time[:16].replace("T", " "), where, fact.task, *told, f"by {fact.by}"))
+    return fact.time[:16].replace("T", " "), where, fact.task, fact.by, fact.part, fact.text
 
 
 def _expect_sound(book: Book) -> None:

@@ -1,4 +1,4 @@
-"""Names of commands on the command line: listed in help, completed by the shell. All of it comes from the tables."""
+"""Names of commands and settings in help and shell completion, from the command tables."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from jbclog.protocol.commands.family import Family
     from jbclog.session.manual.names import CommandFilter
 
-USUAL_LINE = Path("line.toml")  # what the shell completes from while no --line has been typed
+USUAL_LINE = Path("line.toml")  # for completion before --line is typed
 NEGATIVE = re.compile(r"-\d+(\.\d+)?", re.ASCII)
 WIDEST = 100
 
 Completions = list[tuple[str, str]]
-"""What can stand here, each with its help."""
+"""Candidates, each with its help."""
 
 
 class _NamingCommand(TyperCommand):
@@ -38,15 +38,15 @@ class _NamingCommand(TyperCommand):
         return super().parse_args(ctx, args)
 
     def _kind(self) -> CommandFilter:
-        raise LookupError("which commands are listed, the verb says")
+        raise LookupError("each verb names its own kind of command")
 
     def _more(self) -> list[str]:
-        """What is said behind the list."""
+        """Return the paragraphs after the list."""
         return []
 
 
 class ReadCommand(_NamingCommand):
-    """`read`: everything that can be read."""
+    """`read`, with all readable names in its help."""
 
     def _kind(self) -> CommandFilter:
         from jbclog.session.manual.names import readable
@@ -55,7 +55,7 @@ class ReadCommand(_NamingCommand):
 
 
 class WriteCommand(_NamingCommand):
-    """`write`: everything that can be written."""
+    """`write`, with all writable names in its help."""
 
     def _kind(self) -> CommandFilter:
         from jbclog.session.manual.names import writable
@@ -66,13 +66,13 @@ class WriteCommand(_NamingCommand):
         from jbclog.session.manual.names import anywhere
 
         dangerous = [command.name for command in anywhere().values() if command.dangerous]
-        return [f"Dangerous, and done only with --yes-i-mean STATION:\n{_wrapped(dangerous)}"]
+        return [f"Dangerous, require --yes-i-mean STATION:\n{_wrapped(dangerous)}"]
 
 
 def _shared_text(kind: CommandFilter) -> str:
     from jbclog.session.manual.names import shared
 
-    parts = ["Names (with a station and no name: those of that station, with units, ranges and manual):"]
+    parts = ["Names (give only a station to list its names with units, ranges and manual):"]
     for families, names in shared(kind):
         parts += ["", f"  {', '.join(families)}:", _wrapped(names)]
     return "\n".join(parts)
@@ -90,7 +90,7 @@ def _wrapped(names: Iterable[str]) -> str:
 
 
 def complete_station(ctx: typer.Context, incomplete: str) -> Completions:
-    """The names of the line file that was given, or of `line.toml` in this folder."""
+    """Complete a station of --line, or of `line.toml` in this folder."""
     from jbclog.config.line import load_line
 
     try:
@@ -101,21 +101,21 @@ def complete_station(ctx: typer.Context, incomplete: str) -> Completions:
 
 
 def complete_signal(ctx: typer.Context, incomplete: str) -> Completions:
-    """What can be read of the station that was named; of any, where it is not known."""
+    """Complete a readable name of the station; of all families if it is not known."""
     from jbclog.session.manual.names import readable
 
     return _complete(ctx, incomplete, readable)
 
 
 def complete_setting(ctx: typer.Context, incomplete: str) -> Completions:
-    """What can be written to the station that was named; to any, where it is not known."""
+    """Complete a writable name of the station; of all families if it is not known."""
     from jbclog.session.manual.names import writable
 
     return _complete(ctx, incomplete, writable)
 
 
 def complete_value(ctx: typer.Context, incomplete: str) -> Completions:
-    """The words that the setting takes; a number nobody can complete."""
+    """Complete a word that the setting accepts; numbers have no completion."""
     from jbclog.protocol.commands.family import FAMILIES
     from jbclog.session.manual.names import anywhere
     from jbclog.session.manual.values import words_for
@@ -137,7 +137,7 @@ def _complete(ctx: typer.Context, incomplete: str, kind: CommandFilter) -> Compl
 
 
 def _about(command: Command, family: Family | None) -> str:
-    """``°C, per port; steps of 5 °C, within what the station itself allows``."""
+    """Return unit, scope and range: ``°C, per port; steps of 5 °C, within the station's own limits``."""
     from jbclog.session.manual.names import values_text
 
     place = f"{command.unit}, per {command.scope.value}" if command.unit else f"per {command.scope.value}"

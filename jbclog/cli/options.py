@@ -1,4 +1,4 @@
-"""Options that several verbs share, and how their texts become values."""
+"""Options shared by several verbs, and their conversion to values."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from jbclog.core.errors import RecordError, UsageError
 if TYPE_CHECKING:
     from jbclog.app.run.plan import Metadata, RunOptions
 
-# -- run folder ---------------------------------------------------------------------------------------------------------------
-# Whether a folder that was named is a run's, and a file that was named one that can be written.
+# -- paths --------------------------------------------------------------------------------------------------------------------
+
+NO_FOLDER = "{}: no such folder; runs are in `runs/` or in the folder given by --out"
 
 
 def is_folder(path: Path) -> bool:
-    """Whether there is a folder; a name that no file can have is none. Raises `RecordError` where its network mount hangs."""
-    from jbclog.core.foreign.files import expect_answer  # here, so that help does not load it
+    """Return whether `path` is a folder. Raises `RecordError` if its network mount does not answer."""
+    from jbclog.core.foreign.files import expect_answer  # not loaded by --help
 
     expect_answer(path)
     try:
@@ -32,43 +33,38 @@ def is_folder(path: Path) -> bool:
 
 
 def expect_file_place(option: str, path: Path | None) -> None:
-    """Raise `UsageError` where something stands at `path` that is no file: a pipe waits for who reads it, maybe for ever."""
+    """Raise `UsageError` if `path` exists and is not a regular file: writing to a pipe could block for ever."""
     if path is not None and path.exists() and not path.is_file():
-        raise UsageError(f"{option} {path}: that is a folder, a pipe or a device, and no file to be written anew")
+        raise UsageError(f"{option} {path}: not a regular file (folder, pipe or device)")
 
 
 def expect_run(folder: Path) -> None:
-    """Raise `UsageError` where `folder` is no run's, `RecordError` where a run was cut off before it had a manifest."""
+    """Raise `UsageError` if `folder` is not a run, `RecordError` if the run was cut off before its manifest was written."""
     from jbclog.record.manifest import NAME
     from jbclog.record.recover import is_run
 
     if not is_folder(folder):
-        raise UsageError(f"{folder}: there is no such folder; runs are in `runs/`, or where --out put them")
+        raise UsageError(NO_FOLDER.format(folder))
     if not is_run(Path(os.path.realpath(folder))):
-        raise UsageError(f"{folder} is no run's folder; runs are in `runs/`, or where --out put them")
+        raise UsageError(f"{folder}: not a run; runs are in `runs/` or in the folder given by --out")
     if not (folder / NAME).exists():
-        raise RecordError(f"{folder} has no manifest: it was cut off at its very start; `jbclog recover {folder}` finishes it")
+        raise RecordError(f"{folder}: no manifest, the run was cut off at its start; finish it with `jbclog recover {folder}`")
 
 
 # -- options ------------------------------------------------------------------------------------------------------------------
 
-LINE = typer.Option(..., "--line", "-l", metavar="FILE", help="The line file: which stations, on which ports.", show_default=False)
-RECIPE = typer.Argument(
-    None, metavar="RECIPE", help="The recipe file. Not needed where each station of the line names its own.", show_default=False
-)
-STATION = typer.Option([], "--station", "-s", metavar="NAME", help="Only this station of the line; may be repeated.")
+LINE = typer.Option(..., "--line", "-l", metavar="FILE", help="Line file: stations and their ports.", show_default=False)
+RECIPE = typer.Argument(None, metavar="RECIPE", help="Recipe file; optional if every station names its own.", show_default=False)
+STATION = typer.Option([], "--station", "-s", metavar="NAME", help="Only this station; repeatable.")
 RATE = typer.Option(
     None,
     "--rate",
     metavar="HZ|auto|fit|max",
-    help="Ticks a second. auto: the highest usual rate that leaves a fifth of the link free; fit: the highest that fits; "
-    "max: without pause. Default: the recipe's.",
+    help="Sampling rate, Hz; auto leaves a fifth of the link free, fit uses it all, max never pauses. Default: the recipe's.",
 )
-ALLOW_OMEGA_WRITE = typer.Option(
-    False, "--allow-omega-write", help="Let the recipe's [omega] condition be written where the controller holds another."
-)
+ALLOW_OMEGA_WRITE = typer.Option(False, "--allow-omega-write", help="Allow writing the recipe's [omega] condition if it differs.")
 DURATION = typer.Option(
-    None, "--duration", "-d", metavar="TIME", help="How long to record: 90s, 15m, 8h, 1h30m. Default: until Ctrl-C."
+    None, "--duration", "-d", metavar="TIME", help="Recording time: 90s, 15m, 8h, 1h30m. Default: until Ctrl-C."
 )
 UNTIL_UNITS = typer.Option(
     None,
@@ -76,7 +72,7 @@ UNTIL_UNITS = typer.Option(
     min=1,
     max=1_000_000,
     metavar="N",
-    help="End when N units are finished: when another serial, or the word END, was read after each (--units).",
+    help="End after N units (--units); the next serial, or END, finishes a unit.",
     show_default=False,
 )
 UNTIL_JOINTS = typer.Option(
@@ -85,30 +81,26 @@ UNTIL_JOINTS = typer.Option(
     min=1,
     max=1_000_000,
     metavar="N",
-    help="End when N joints are found, of all stations together; some seconds after the last.",
+    help="End after N joints, all stations together.",
     show_default=False,
 )
-OUT = typer.Option(Path("runs"), "--out", "-o", metavar="DIR", help="The folder that the run's folder is made in.")
-RUN = typer.Argument(..., metavar="RUN", help="A run's folder.", show_default=False)
-STATION_NAMED = typer.Argument(
-    ..., metavar="STATION", help="A station of the line, by name.", show_default=False, autocompletion=complete_station
-)
-PORT = typer.Option(None, "--port", "-p", min=1, max=4, metavar="N", help="Which port of the station.", show_default=False)
+OUT = typer.Option(Path("runs"), "--out", "-o", metavar="DIR", help="Folder of runs.")
+RUN = typer.Argument(..., metavar="RUN", help="Run folder.", show_default=False)
+STATION_NAMED = typer.Argument(..., metavar="STATION", help="Station name.", show_default=False, autocompletion=complete_station)
+PORT = typer.Option(None, "--port", "-p", min=1, max=4, metavar="N", help="Port number; default: all.", show_default=False)
 TOOL = typer.Option(
-    None, "--tool", "-t", min=0, max=9, metavar="N", help="Which tool, by its code. Default: the one connected.", show_default=False
+    None, "--tool", "-t", min=0, max=9, metavar="N", help="Tool code; default: the connected tool.", show_default=False
 )
-CONDITION = typer.Option(
-    None, "--condition", min=0, max=399, metavar="N", help="Which solder condition (omega).", show_default=False
-)
-AS_JSON = typer.Option(False, "--json", help="One JSON object on stdout.")
+CONDITION = typer.Option(None, "--condition", min=0, max=399, metavar="N", help="Solder condition (OMEGA).", show_default=False)
+AS_JSON = typer.Option(False, "--json", help="Print one JSON object.")
 
 LONGEST_TEXT = 200
 SEVERAL = ("--unit", "--wire-lot", "--flux-lot", "--tip")  # may be repeated
-HIDDEN = ("Cc", "Cf", "Co", "Cn", "Zl", "Zp")  # categories of characters that do not show
+HIDDEN = ("Cc", "Cf", "Co", "Cn", "Zl", "Zp")  # Unicode categories of invisible characters
 
 
 def duration_s(text: str | None) -> float | None:
-    """Seconds in ``90s``, ``15m``, ``8h``, ``1h30m`` or a bare number. Raises `UsageError`."""
+    """Return the seconds of ``90s``, ``15m``, ``8h``, ``1h30m`` or a bare number. Raises `UsageError`."""
     if text is None:
         return None
     from jbclog.config.durations import EXAMPLES, span_s
@@ -120,7 +112,7 @@ def duration_s(text: str | None) -> float | None:
 
 
 def rate(text: str | None) -> float | str | None:
-    """The rate in Hz, ``auto``, ``fit`` or ``max``. Raises `UsageError`."""
+    """Return the rate in Hz, or ``auto``, ``fit`` or ``max``. Raises `UsageError`."""
     if text is None or text in ("auto", "fit", "max"):
         return text
     try:
@@ -128,17 +120,17 @@ def rate(text: str | None) -> float | str | None:
     except ValueError:
         hertz = 0.0
     if not 0 < hertz <= 1000:
-        raise UsageError(f"--rate {text}: give a number of Hz up to 1000, `auto`, `fit` or `max`")
+        raise UsageError(f"--rate {text}: must be auto, fit, max or a number of Hz up to 1000")
     return hertz
 
 
 def tags(pairs: Sequence[str]) -> dict[str, str]:
-    """``K=V`` pairs. Raises `UsageError`."""
+    """Return the ``NAME=VALUE`` pairs as a dict. Raises `UsageError`."""
     found: dict[str, str] = {}
     for pair in pairs:
         key, equals, value = pair.partition("=")
         if not equals or not key:
-            raise UsageError(f"--tag {pair}: give it as NAME=VALUE")
+            raise UsageError(f"--tag {pair}: must be NAME=VALUE")
         if key in found:
             raise UsageError(f"--tag {pair}: {key} is given twice")
         found[key] = value
@@ -151,30 +143,27 @@ def metadata(
     product: str | None,
     several: Mapping[str, Sequence[str]],
 ) -> Metadata:
-    """What people say of a run; `several` by the options that may be repeated.
-
-    Raises `UsageError` where a text could not be kept, shown or signed as it is.
-    """
+    """Return the metadata of a run; `several` holds the values of repeatable options. Raises `UsageError`."""
     from jbclog.app.run.plan import Metadata
 
-    told = [("--operator", operator), ("--order", order), ("--product", product)]
-    told += [(option, text) for option, texts in several.items() for text in texts]
-    for option, text in told:
+    texts = [("--operator", operator), ("--order", order), ("--product", product)]
+    texts += [(option, text) for option, those in several.items() for text in those]
+    for option, text in texts:
         check_text(option, text or "")
     units, wire_lots, flux_lots, tips = (tuple(several.get(option, ())) for option in SEVERAL)
     return Metadata(operator, order, product, units, tags(several.get("--tag", ())), wire_lots, flux_lots, tips)
 
 
 def check_text(option: str, text: str) -> None:
-    """Raise `UsageError` where a text could not be kept, shown or signed as it is."""
+    """Raise `UsageError` if `text` is too long or holds hidden characters."""
     if len(text) > LONGEST_TEXT:
-        raise UsageError(f"{option}: {len(text)} characters; at most {LONGEST_TEXT} are kept")
+        raise UsageError(f"{option}: {len(text)} characters, at most {LONGEST_TEXT}")
     for sign in text:
         category = unicodedata.category(sign)
-        if category == "Cs":  # what the shell gave could not be decoded
-            raise UsageError(f"{option}: holds bytes that are no text in this system's encoding")
+        if category == "Cs":  # a surrogate: bytes that could not be decoded
+            raise UsageError(f"{option}: bytes that are not text in this system's encoding")
         if category in HIDDEN:
-            raise UsageError(f"{option}: holds the hidden or control character U+{ord(sign):04X}")
+            raise UsageError(f"{option}: hidden or control character U+{ord(sign):04X}")
 
 
 def wanted(
@@ -187,7 +176,7 @@ def wanted(
     *,
     allow_omega_write: bool = False,
 ) -> RunOptions:
-    """What the options ask for."""
+    """Return the options of a run."""
     from jbclog.app.run.plan import RunOptions
 
     return RunOptions(

@@ -1,4 +1,4 @@
-"""How verbs speak: data on stdout, notes on stderr, one JSON object where it is asked for, errors without tracebacks."""
+"""Output of the verbs: data on stdout, notes on stderr, one JSON object with --json, errors without tracebacks."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import os
 import shutil
 import sys
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
 from typing import ParamSpec
 
@@ -18,33 +18,60 @@ from jbclog.core.text import clean, json_line
 
 P = ParamSpec("P")
 INTERNAL_ERROR = 1
+WIDEST = 100_000  # of a table: complete in pipes and mails
 
 
-def tell(*lines: str) -> None:
-    """Lines of data, on stdout; each is one line whatever it holds. A closed stdout is no reason to stop."""
+def echo(*lines: str) -> None:
+    """Print lines of data on stdout, each on one line. Ignores a closed stdout."""
     _echo([clean(line) for line in lines], err=False)
 
 
 def note(*lines: str) -> None:
-    """Lines for people, on stderr; each is one line whatever it holds, on a terminal broken between words."""
+    """Print lines for people on stderr; wraps them between words on a terminal."""
     cleaned = [clean(line) for line in lines]
     _echo([wrapped(line) for line in cleaned] if is_terminal() else cleaned, err=True)
 
 
-def tell_json(data: object) -> None:
-    """One JSON object, on one line of stdout."""
+def echo_json(data: object) -> None:
+    """Print one JSON object on one line of stdout."""
     _echo([json_line(data, only_ascii=not writes_unicode())], err=False)
+
+
+def echo_table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, cut: int | None = None) -> None:
+    """Print a table on stdout. A terminal shows at most `cut` cells of each column but the last; elsewhere it is complete."""
+    _echo(table_lines(heads, rows, cut=cut if sys.stdout.isatty() else None), err=False)
+
+
+def table_lines(heads: Sequence[str], rows: Iterable[Sequence[str]], *, cut: int | None = None) -> list[str]:
+    """Return a table without borders, a line a row; a column but the last is at most `cut` cells wide."""
+    from io import StringIO
+
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=bool(heads))
+    cells = [[Text(clean(cell)) for cell in row] for row in rows]
+    for place in range(len(heads) or max(map(len, cells), default=0)):
+        is_last = place == (len(heads) or len(cells[0])) - 1
+        head = Text(heads[place]) if heads else ""
+        table.add_column(head, no_wrap=True, overflow="ellipsis", max_width=None if is_last else cut)
+    for row in cells:
+        table.add_row(*row)
+    text = StringIO()
+    Console(file=text, width=WIDEST, no_color=True).print(table, soft_wrap=True)
+    return [line.rstrip() for line in text.getvalue().split("\n")[:-1]]
 
 
 def _echo(lines: list[str], *, err: bool) -> None:
     try:
         typer.echo("\n".join(lines), err=err)
-    except OSError:  # nobody reads it any more, or its disk is full
+    except OSError:  # the reader is gone, or the disk is full
         point_to_null(2 if err else 1)
 
 
 def wrapped(text: str, columns: int | None = None) -> str:
-    """`text` in lines of a terminal's width; words, and so paths and commands, are never broken."""
+    """Return `text` wrapped to a terminal's width, only between words, so that paths can be copied."""
     width = max(columns or shutil.get_terminal_size().columns, 40) - 1
     return "\n".join(_wrapped_line(line, width) for line in text.split("\n"))
 
@@ -56,19 +83,19 @@ def _wrapped_line(line: str, width: int) -> str:
 
 
 def is_terminal() -> bool:
-    """Whether notes go to a terminal that a person looks at."""
+    """Return whether notes go to a terminal."""
     return sys.stderr.isatty()
 
 
-def ends_with_errors_told(verb: Callable[P, None]) -> Callable[P, None]:
-    """Let a verb's errors end it with their sentence and their exit code."""
+def reports_errors(verb: Callable[P, None]) -> Callable[P, None]:
+    """Wrap `verb`: an error ends it with one line and its exit code."""
 
     @wraps(verb)
-    def told(*args: P.args, **kwargs: P.kwargs) -> None:
+    def wrapper(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
             verb(*args, **kwargs)
         except JbclogError as error:
-            _tell_error(error, as_json=bool(kwargs.get("as_json")))
+            _print_error(error, as_json=bool(kwargs.get("as_json")))
             raise typer.Exit(error.exit_code) from error
         except KeyboardInterrupt:
             raise typer.Exit(130) from None
@@ -77,18 +104,18 @@ def ends_with_errors_told(verb: Callable[P, None]) -> Callable[P, None]:
         except Exception as error:
             if os.environ.get("JBCLOG_TRACEBACK"):
                 raise
-            note(f"jbclog: internal error, {unexpected_error_text(error)} (JBCLOG_TRACEBACK=1 shows where; please report it)")
+            note(f"jbclog: internal error, {unexpected_error_text(error)} (set JBCLOG_TRACEBACK=1 to see where; please report it)")
             raise typer.Exit(INTERNAL_ERROR) from error
 
-    return told
+    return wrapper
 
 
-def _tell_error(error: JbclogError, *, as_json: bool) -> None:
+def _print_error(error: JbclogError, *, as_json: bool) -> None:
     if isinstance(error, Problems):
         note(*(f"error: {problem}" for problem in error.problems))
-        note(f"{len(error.problems)} problem{'s' if len(error.problems) > 1 else ''}; nothing was sent.")
+        note(f"{len(error.problems)} problem{'s' if len(error.problems) > 1 else ''}; nothing sent")
     else:
         note(f"error: {error}")
     if as_json:
         problems = [str(problem) for problem in error.problems] if isinstance(error, Problems) else [str(error)]
-        tell_json({"error": type(error).__name__, "problems": problems, "exit_code": error.exit_code})
+        echo_json({"error": type(error).__name__, "problems": problems, "exit_code": error.exit_code})

@@ -1,4 +1,4 @@
-"""`jbclog plan`: a dry run; no byte is sent."""
+"""`jbclog plan`: a dry run, which sends no byte."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from jbclog.cli import options
-from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.output import echo, echo_json, note, reports_errors
 
 if TYPE_CHECKING:
     from jbclog.app.run.plan import Plan, StationPlan
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from jbclog.session.scheduler import Demand
 
 
-@ends_with_errors_told
+@reports_errors
 def plan(
     recipe: Path | None = options.RECIPE,
     line: Path = options.LINE,
@@ -26,7 +26,7 @@ def plan(
 ) -> None:
     """Show what a run would write, and which rate fits.
 
-    Sends no byte. Reports every error in the files at once. The response time is the line file's turnaround_ms, or 0 without it:
+    Sends no byte. Reports every error in the files at once. Assumes the response time of the line file (turnaround_ms), or 0;
     `run` measures it.
 
     \b
@@ -40,11 +40,11 @@ def plan(
         note(f"note: {text}")
     if as_json:
         on_missing = "continue" if made.starts_without_missing else "stop"
-        tell_json(
+        echo_json(
             {"line": made.line.name, "on_missing": on_missing, "stations": [_facts(station, made) for station in made.stations]}
         )
     else:
-        tell(*_lines(made))
+        echo(*_lines(made))
 
 
 def _facts(station: StationPlan, made: Plan) -> dict[str, object]:
@@ -95,34 +95,34 @@ def _condition_facts(station: StationPlan, made: Plan) -> dict[str, object] | No
 
 
 def _lines(made: Plan) -> list[str]:
-    lines = [f"Line {made.line.name}: {len(made.stations)} station{'s' if len(made.stations) > 1 else ''}. No byte was sent."]
+    lines = [f"Line {made.line.name}: {len(made.stations)} station{'s' if len(made.stations) > 1 else ''}. No byte sent."]
     lines += [_start_text(made)] if len(made.stations) > 1 else []
     return [*lines, *(line for station in made.stations for line in ("", *_station_lines(station, made)))]
 
 
-SUCTION = {"keep": "keep suction as it is", "on": "switch suction on", "off": "switch suction off"}
+SUCTION = {"keep": "keep suction", "on": "switch suction on", "off": "switch suction off"}
 
 
 def _start_text(made: Plan) -> str:
     if made.starts_without_missing:
-        return "A station that is missing or refuses at the start is left out; the verdict is then at best ACCEPT WITH DEVIATIONS."
-    return "All start together: if one is missing or refuses, none starts (--allow-missing starts without it)."
+        return "The run starts without stations that are missing or refuse; its verdict is then at best ACCEPT WITH DEVIATIONS."
+    return "All stations start together, or none (--allow-missing starts without those that are missing or refuse)."
 
 
 def _station_lines(station: StationPlan, made: Plan) -> list[str]:
     spec, recipe, condition = station.spec, station.recipe, station.condition()
     ports = f"port{'s' if len(station.ports) > 1 else ''} {', '.join(map(str, station.ports))}"
-    model = f" (model {spec.model} is accepted)" if spec.model else ""
+    model = f" (accepts model {spec.model})" if spec.model else ""
     lines = [f"{spec.name}  {spec.family}{model}, {ports}, {spec.url}", f"  recipe    {recipe.name} revision {recipe.revision}"]
     lines += _rate_lines(station)
     lines += [f"  write     {_write_text(one)}" for one in station.writes()]
     if condition is not None:
-        written = "written once" if made.wanted.allow_omega_write else "a reason to stop; with --allow-omega-write it is written"
-        lines += wrap(f"{condition}; a difference is {written}", 110, initial_indent="  compare   ", subsequent_indent=" " * 12)
+        written = "is written once" if made.wanted.allow_omega_write else "stops the start (--allow-omega-write writes it)"
+        lines += wrap(f"{condition}; a difference {written}", 110, initial_indent="  compare   ", subsequent_indent=" " * 12)
     if station.skipped():
-        lines.append(f"  skip      {', '.join(station.skipped())}: not on this station")
+        lines.append(f"  skip      {', '.join(station.skipped())}: this station has none")
     has_suction = station.family is not None and station.family.status.has_suction
-    orders = [f'tell every tool "{recipe.run.status}"'] if recipe.run.status else []
+    orders = [f'set every tool to "{recipe.run.status}"'] if recipe.run.status else []
     orders += [SUCTION[recipe.suction]] if has_suction and (orders or recipe.suction != "keep") else []
     if orders:
         lines.append(f"  then      {', '.join(orders)}, and record")
@@ -131,10 +131,10 @@ def _station_lines(station: StationPlan, made: Plan) -> list[str]:
 
 def _last_line(station: StationPlan) -> str:
     if station.family is not None and not station.family.safe_states:
-        return "  at last   leave it as it is: it has no safe state that could be ordered"
+        return "  at end    nothing: the station has no safe state"
     has_suction = station.family is not None and station.family.status.has_suction
     suction = f", {SUCTION[station.recipe.run.safe_suction]}" if has_suction else ""
-    return f'  at last   tell every tool "{station.recipe.safe_state(station.spec.family)}"{suction}, whatever happens'
+    return f'  at end    set every tool to "{station.recipe.safe_state(station.spec.family)}"{suction}, whatever happens'
 
 
 def _write_text(setting: Setting) -> str:
@@ -145,17 +145,17 @@ def _write_text(setting: Setting) -> str:
 def _rate_lines(station: StationPlan) -> list[str]:
     demand, rate_hz, turnaround = station.demand, station.rate_hz, station.turnaround_s
     if demand is None:
-        return ["  rate      known when the station has told its model"]
+        return ["  rate      not known until the station reports its model"]
     if rate_hz is None:
         return ["  rate      without pause"]
     tick_ms = 1000 * (demand.fast_s + demand.fast_reads * turnaround)
     given = station.spec.turnaround_ms is not None
-    measured = f"with {turnaround * 1000:g} ms of response time" if given else "with no response time (`run` measures it)"
+    measured = f"at {turnaround * 1000:g} ms response time" if given else "at 0 ms response time (`run` measures it)"
     return [
         f"  rate      {rate_hz:g} Hz: {tick_ms:.1f} of {1000 / rate_hz:.0f} ms a tick, "
         f"{demand.load(rate_hz, turnaround):.1%} of the link {measured}",
-        f"  fits      up to {1000 * demand.greatest_turnaround_s(rate_hz):.2f} ms of response time; "
-        f"the best rate is {demand.best_rate_hz(turnaround):g} Hz",
+        f"  fits      up to {1000 * demand.greatest_turnaround_s(rate_hz):.2f} ms response time; "
+        f"highest rate {demand.best_rate_hz(turnaround):g} Hz",
         *_auto_lines(station, demand, rate_hz),
         *_slowest_line(station, demand, rate_hz),
         *_faster_line(station),
@@ -163,16 +163,14 @@ def _rate_lines(station: StationPlan) -> list[str]:
 
 
 def _faster_line(station: StationPlan) -> list[str]:
-    """A measured response time of 0: only a link that is faster than its line format gives that."""
+    """Return a note on a measured response time of 0, which only a link faster than its line format gives."""
     if station.spec.turnaround_ms != 0:
         return []
-    return [
-        f"  reserve   with 0 ms measured its link may be faster than {station.spec.line_format}, and more may fit than is reckoned"
-    ]
+    return [f"  reserve   at 0 ms the link may be faster than {station.spec.line_format}, and a higher rate may fit"]
 
 
 def _auto_lines(station: StationPlan, demand: Demand, rate_hz: float) -> list[str]:
-    """What a rate that is to be chosen rests on, and up to where the choice stays the same."""
+    """Return the basis of an automatic rate, and up to which response time it stays the same."""
     from jbclog.session.run.context import AS_AUTO
     from jbclog.session.run.pace import SOME_RATES
     from jbclog.session.scheduler import KEPT_BY_AUTO
@@ -185,17 +183,15 @@ def _auto_lines(station: StationPlan, demand: Demand, rate_hz: float) -> list[st
     most_ms = 1000 * demand.greatest_turnaround_s(rate_hz, KEPT_BY_AUTO)
     return [
         f"  auto      the highest of {SOME_RATES} Hz that leaves a fifth of the link free: {rate_hz:g} Hz up to {most_ms:.2f} ms "
-        "of response time",
+        "response time",
         f"  assumed   {assumed}; `run` measures the response time, then chooses",
     ]
 
 
 def _slowest_line(station: StationPlan, demand: Demand, rate_hz: float) -> list[str]:
-    """What becomes of it at the longest turnaround that the family's manual prints."""
+    """Return the load at the longest response time in the family's manual."""
     slowest_s = station.slowest_s
     if slowest_s is None or slowest_s <= station.turnaround_s:
         return []
     load, best = demand.load(rate_hz, slowest_s), demand.best_rate_hz(slowest_s)
-    return [
-        f"  slowest   {load:.1%} with {1000 * slowest_s:g} ms, the most that its manual prints: there {best:g} Hz is the best rate"
-    ]
+    return [f"  slowest   {load:.1%} of the link at {1000 * slowest_s:g} ms, the manual's maximum; highest rate {best:g} Hz"]

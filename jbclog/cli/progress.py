@@ -1,4 +1,4 @@
-"""What a run shows while it goes on, on a terminal or as lines, from a thread that may wait."""
+"""Progress of a run: a table on a terminal, lines elsewhere, printed by a thread that may block."""
 
 from __future__ import annotations
 
@@ -21,11 +21,9 @@ if TYPE_CHECKING:
     from rich.live import Live
     from rich.table import Table
 
-# -- progress -----------------------------------------------------------------------------------------------------------------
-
-WORTH_TELLING = (Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
+SHOWN = (Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
 RUNNING = "running"  # the outcome of a station that has none yet
-GOOD_NEWS = (
+ALSO_SHOWN = (
     *("station.ready", "link.back", "robot.on", "unit.begin", "unit.again", "unit.finish", "unit.next", "run.goal"),
     "alarm.episode.cleared",
 )
@@ -33,59 +31,59 @@ UNSAFE, SAFE = "safety.not_safe", "safety.safe_state"
 
 
 def event_line(event: EventRow) -> str:
-    """An event as one line of notes: time of day in UTC, where, what."""
+    """Return an event as one line: time of day in UTC, severity, station, text."""
     moment = time.strftime("%H:%M:%S", time.gmtime(event.time // 1_000_000))
     text = event.text.removeprefix(f"{event.station}: ")
     return f"{moment}Z  {event.severity.value:8}  {event.station or 'run'}: {text}"
 
 
-class Worth:
-    """Which events a person wants to hear of while a run goes on; of a tool's safe state, where it was told not to be in it."""
+class EventFilter:
+    """Passes the events to show during a run; a safe state only after a report that the tool was not safe."""
 
     def __init__(self) -> None:
         self._unsafe: set[tuple[str | None, int | None]] = set()
 
-    def telling(self, event: EventRow) -> bool:
+    def passes(self, event: EventRow) -> bool:
         place = (event.station, event.port)
         if event.kind == UNSAFE:
             self._unsafe.add(place)
         elif event.kind == SAFE and place in self._unsafe:
             self._unsafe.remove(place)
             return True
-        return event.severity in WORTH_TELLING or event.kind in GOOD_NEWS
+        return event.severity in SHOWN or event.kind in ALSO_SHOWN
 
 
 class Lines:
-    """For a log or a pipe: a line for each event worth telling."""
+    """Lines for a log or a pipe, one for each event worth showing."""
 
     def __init__(self) -> None:
-        self._worth = Worth()
+        self._filter = EventFilter()
 
     def begun(self, folder: Path) -> None:
         note(f"recording into {folder}")
 
     def happened(self, event: EventRow) -> None:
-        if self._worth.telling(event):
+        if self._filter.passes(event):
             note(event_line(event))
 
     def second(self, contexts: list[SessionContext]) -> None:
         return
 
     def sealing(self) -> None:
-        note("sealing the record")
+        note("finalizing the record")
 
     def close(self) -> None:
         return
 
 
 class Screen:
-    """For a person: a table that is renewed each second, events above it."""
+    """Live table for a terminal, with the events above it."""
 
     def __init__(self, duration_s: float | None) -> None:
         from rich.console import Console
 
         self._console = Console(stderr=True, no_color="NO_COLOR" in os.environ, highlight=False)
-        self._worth = Worth()
+        self._filter = EventFilter()
         self._duration_s = duration_s
         self._began = time.monotonic()
         self._live: Live | None = None
@@ -94,12 +92,12 @@ class Screen:
         from rich.live import Live
 
         self._print(f"recording into {folder}; Ctrl-C ends the run and makes the tools safe")
-        # stdout is for data: what is told there must not be shown on stderr because a table is
+        # stdout is for data: rich must not redirect it to stderr while it shows a table
         self._live = Live(console=self._console, auto_refresh=False, transient=True, redirect_stdout=False, redirect_stderr=False)
         self._live.start()
 
     def happened(self, event: EventRow) -> None:
-        if self._worth.telling(event):
+        if self._filter.passes(event):
             self._print(event_line(event))
 
     def second(self, contexts: list[SessionContext]) -> None:
@@ -108,7 +106,7 @@ class Screen:
 
     def sealing(self) -> None:
         self.close()
-        self._print("sealing the record")
+        self._print("finalizing the record")
 
     def close(self) -> None:
         if self._live is not None:
@@ -133,7 +131,7 @@ class Screen:
 
 
 def _cells(context: SessionContext) -> Iterator[tuple[str, ...]]:
-    """A row for each port of a station that is recorded; one for a station that is not yet, or not any more."""
+    """Return a row for each port of a recorded station; one row for a station that is not recorded."""
     alarms = str(context.facts.alarms or "")
     if context.facts.outcome != RUNNING or not context.ports:
         ports = ", ".join(map(str, context.ports))
@@ -142,9 +140,9 @@ def _cells(context: SessionContext) -> Iterator[tuple[str, ...]]:
     for port in context.ports.values():
         setting = context.set_c(port)
         wanted = "" if setting is None else f"{setting:g} °C"
-        link = "connected" if context.connected else "away"
+        link = "connected" if context.connected else "disconnected"
         yield context.name, str(port.number), _tip(context, port), wanted, _status(context, port), alarms, link
-        alarms = ""  # they are counted by station
+        alarms = ""  # counted per station
 
 
 def _tip(context: SessionContext, port: PortState) -> str:
@@ -155,7 +153,7 @@ def _tip(context: SessionContext, port: PortState) -> str:
 
 
 def _status(context: SessionContext, port: PortState) -> str:
-    if context.connected and port.states:  # OMEGA's, each in its own words
+    if context.connected and port.states:  # OMEGA, one word per signal
         return ", ".join(str(port.states[signal.name][0]) for signal in context.family.signals if signal.name in port.states)
     if not context.connected or port.status is None:
         return "unknown"
@@ -163,54 +161,52 @@ def _status(context: SessionContext, port: PortState) -> str:
 
 
 def observer(duration_s: float | None, *, quiet: bool) -> Lines | Screen:
-    """The table on a terminal, lines elsewhere or where stdout is for a program."""
+    """Return the live table on a terminal, lines elsewhere and with --json."""
     return Screen(duration_s) if is_terminal() and not quiet else Lines()
 
 
 # -- background observer ------------------------------------------------------------------------------------------------------
-# An observer told in a thread of its own: a terminal that is held (Ctrl-S), or a pipe that nobody reads, must not hold the run.
-#
-# A run that stands still for two seconds is ended by its guard; so nothing that people are told may make it wait.
+# A terminal stopped by Ctrl-S, or a pipe that nobody reads, must not block the run: the guard ends a run that stalls for 2 s.
 
 STDERR: Final = 2
-WAITING_MOST: Final = 1000  # what is told while nobody listens; the record has it all
+WAITING_MOST: Final = 1000  # notifications while stderr blocks; the record has all of them
 LOOK_S: Final = 0.2
 CLOSE_S: Final = 2.0
 
-Told = Callable[[], None]
+Notification = Callable[[], None]
 
 
 class BackgroundObserver:
-    """Tells `observer` what a run tells, as soon as stderr takes it. Ends with `close`."""
+    """Forwards the notifications of a run to `observer` in a thread, as soon as stderr accepts text. `close` ends it."""
 
     def __init__(self, observer: Lines | Screen) -> None:
         self._observer = observer
-        self._waiting: Queue[Told | None] = Queue(WAITING_MOST)
+        self._waiting: Queue[Notification | None] = Queue(WAITING_MOST)
         self._is_closing = False
         self._is_held = False
         self._dropped = 0
-        self._thread = threading.Thread(target=self._tell_on, name="observer", daemon=True)
+        self._thread = threading.Thread(target=self._forward, name="observer", daemon=True)
         self._thread.start()
 
     def begun(self, folder: Path) -> None:
-        self._tell(lambda: self._observer.begun(folder))
+        self._enqueue(lambda: self._observer.begun(folder))
 
     def happened(self, event: EventRow) -> None:
-        self._tell(lambda: self._observer.happened(event))
+        self._enqueue(lambda: self._observer.happened(event))
 
     def second(self, contexts: list[SessionContext]) -> None:
-        if self._waiting.empty():  # a table that is not seen need not be made
-            self._tell(lambda: self._observer.second(contexts))
+        if self._waiting.empty():  # skip a table that would not be seen
+            self._enqueue(lambda: self._observer.second(contexts))
 
     def sealing(self) -> None:
-        self._tell(self._observer.sealing)
+        self._enqueue(self._observer.sealing)
 
     def missed(self) -> int:
-        """How many of the things that it was told it could not show so far."""
+        """Return how many notifications have not been shown so far."""
         return self._dropped + (self._waiting.qsize() + 1 if self._is_held else 0)
 
     def close(self) -> None:
-        """Let what waits be told, if it can be; then no more."""
+        """Show what is queued, for at most `CLOSE_S`; then stop."""
         end = time.monotonic() + CLOSE_S
         for last in (self._observer.close, None):
             with suppress(Full):
@@ -218,27 +214,27 @@ class BackgroundObserver:
         self._thread.join(max(end - time.monotonic(), 0.0))
         self._is_closing = True
 
-    def _tell(self, told: Told) -> None:
+    def _enqueue(self, notification: Notification) -> None:
         try:
-            self._waiting.put_nowait(told)
+            self._waiting.put_nowait(notification)
         except Full:
             self._dropped += 1
 
-    def _tell_on(self) -> None:
-        while (told := self._waiting.get()) is not None:
+    def _forward(self) -> None:
+        while (notify := self._waiting.get()) is not None:
             while not _takes_text() and not self._is_closing:
                 self._is_held = True
             self._is_held = False
             if self._is_closing:
                 continue
             try:
-                told()
-            except Exception:  # a terminal that is gone must not become a fault of the run
+                notify()
+            except Exception:  # a lost terminal must not end the run
                 self._dropped += 1
 
 
 def _takes_text() -> bool:
-    """Whether stderr takes some text within `LOOK_S`; one that is closed takes any."""
+    """Return whether stderr accepts text within `LOOK_S`; a closed one does."""
     watched = select.poll()
     watched.register(STDERR, select.POLLOUT)
     return bool(watched.poll(LOOK_S * 1000))

@@ -1,4 +1,4 @@
-"""`jbclog read`: one value by name, or all of them."""
+"""`jbclog read`: one value by name, or all values."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.names import complete_signal
-from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import StartRefused, UsageError
 
 if TYPE_CHECKING:
@@ -19,23 +19,23 @@ if TYPE_CHECKING:
 NAME_WIDTH = 40
 
 
-@ends_with_errors_told
+@reports_errors
 def read(
     station: str = options.STATION_NAMED,
     signal: str | None = typer.Argument(
-        None, metavar="SIGNAL", help="What to read, by name.", show_default=False, autocompletion=complete_signal
+        None, metavar="SIGNAL", help="Value; without it, lists the names.", show_default=False, autocompletion=complete_signal
     ),
     line: Path = options.LINE,
     port: int | None = options.PORT,
     tool: int | None = options.TOOL,
     condition: int | None = options.CONDITION,
-    everything: bool = typer.Option(False, "--all", help="Everything that can be read without changing anything."),
+    everything: bool = typer.Option(False, "--all", help="Read all values whose reading changes nothing."),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Read a value of a station by its name.
+    """Read one value of a station, or all.
 
-    Without --port of every port; what belongs to a tool, of the tool connected. Without a name the names are listed, with
-    units, ranges and manual. Nothing but questions can go out. While a run holds the station it is refused, naming the run.
+    Reads every port without --port, and the connected tool without --tool. Without a name, lists the names with units, ranges and
+    manual. Sends only queries. Refuses a station that a run holds, and names the run.
 
     \b
     Example:
@@ -50,7 +50,7 @@ def read(
         _list(target, asked, as_json=as_json)
         return
     if signal is not None and everything:
-        raise UsageError(f"--all reads everything: leave {signal!r} or --all out")
+        raise UsageError(f"give {signal!r} or --all, not both")
     seen = _All(asked, as_json=as_json) if signal is None else _Named(signal, asked, as_json=as_json)
     seen.ask(target)
     if seen.failed:
@@ -58,16 +58,16 @@ def read(
 
 
 def _list(target: Target, asked: Place, *, as_json: bool) -> None:
-    from jbclog.cli.values import tell_names
+    from jbclog.cli.values import print_names
     from jbclog.session.manual.names import readable
 
     if any(number is not None for number in asked):
-        raise UsageError("--port, --tool and --condition want a name, or --all")
-    tell_names(target, readable, as_json=as_json)
+        raise UsageError("--port, --tool and --condition require a name")
+    print_names(target, readable, as_json=as_json)
 
 
 class _Seen:
-    """What was read so far: told at once as lines, or kept for the one object of --json."""
+    """The readings so far: printed at once as lines, or collected for --json."""
 
     def __init__(self, asked: Place, *, as_json: bool) -> None:
         self.asked = asked
@@ -81,17 +81,17 @@ class _Seen:
         from jbclog.cli.values import reading_facts
 
         if self._contact is None and not contact.is_proven:
-            note(f"note: {contact.stranger()}; it is read by the tables of {contact.family.name}")
+            note(f"note: {contact.stranger()}; read by the tables of {contact.family.name}")
         self._contact = contact
         if self._as_json:
             self._facts.append(reading_facts(contact, reading, utc_of(reading.heard)))
         self.show(contact, reading)
 
     def show(self, contact: Contact, reading: ReadResult) -> None:
-        """A line for people."""
+        """Print one line."""
 
     def ask(self, target: Target) -> None:
-        """Ask the station, and tell what there is to tell at the end."""
+        """Read from the station and print the result."""
 
 
 class _Named(_Seen):
@@ -114,12 +114,12 @@ class _Named(_Seen):
         ask(target, read_value(target, self._name, self.asked, self.take))
         if self._as_json:
             one = self._places and self._is_only_one(self._places[0])
-            tell_json(self._facts[0] if one else {"station": target.name, "values": self._facts})
+            echo_json(self._facts[0] if one else {"station": target.name, "values": self._facts})
         if command.sent_once and not self.failed:
-            note(f"note: reading {command.name} has cleared it in the station")
+            note(f"note: reading {command.name} cleared it in the station")
 
     def _is_only_one(self, place: Place) -> bool:
-        """Whether what was typed means one value, whatever station it is."""
+        """Return whether the command line means one value, on any station."""
         return place.port is None or self.asked.port is not None
 
     def show(self, contact: Contact, reading: ReadResult) -> None:
@@ -129,14 +129,14 @@ class _Named(_Seen):
         self._places.append(reading.place)
         if reading.is_void:
             if not self._as_json:
-                told = f"not known: {reading.problem}"
-                tell(told if self._is_only_one(reading.place) else f"{reading.place}: {told}")
+                text = f"not known: {reading.problem}"
+                echo(text if self._is_only_one(reading.place) else f"{reading.place}: {text}")
         elif reading.value is None:
             self.failed += 1
             note(f"error: {contact.name}: {title(reading.command, reading.place)}: {reading.problem}")
         elif not self._as_json:
-            told = shown(reading.value, reading.command, contact.family)
-            tell(told if self._is_only_one(reading.place) else f"{reading.place}: {told}")
+            text = shown(reading.value, reading.command, contact.family)
+            echo(text if self._is_only_one(reading.place) else f"{reading.place}: {text}")
 
 
 def _absent_text(reading: ReadResult) -> str:
@@ -153,13 +153,13 @@ class _All(_Seen):
         from jbclog.session.manual.read import only_by_name, read_all
 
         if any(number is not None for number in self.asked):
-            raise UsageError("--all reads every port, and the tools connected: leave --port, --tool and --condition out")
+            raise UsageError("--all reads every port and the connected tools: omit --port, --tool and --condition")
         ask(target, read_all(target, self.take))
         if self._as_json:
-            tell_json({"station": target.name, "values": self._facts})
+            echo_json({"station": target.name, "values": self._facts})
         left_out = [f"{one.name} ({why_only_by_name(one)})" for one in only_by_name(self._contact.family)] if self._contact else []
         if left_out:
-            note(f"note: read only by name: {', '.join(left_out)}")
+            note(f"note: read these by name: {', '.join(left_out)}")
 
     def show(self, contact: Contact, reading: ReadResult) -> None:
         from jbclog.session.manual.contact import title
@@ -173,4 +173,4 @@ class _All(_Seen):
             text = _absent_text(reading) if reading.is_absent else f"not read: {reading.problem}"
             self.failed += not reading.is_absent
         if not self._as_json:
-            tell(f"{title(reading.command, reading.place):{NAME_WIDTH}}  {text}")
+            echo(f"{title(reading.command, reading.place):{NAME_WIDTH}}  {text}")

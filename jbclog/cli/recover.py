@@ -1,4 +1,4 @@
-"""`jbclog recover`: finish what a crash left open."""
+"""`jbclog recover`: finalize runs that a crash left open."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import is_folder
-from jbclog.cli.output import ends_with_errors_told, tell, tell_json
+from jbclog.cli.output import echo, echo_json, reports_errors
 from jbclog.core.errors import RecordError, Unsafe, UsageError
 
 if TYPE_CHECKING:
     from jbclog.record.recover import Recovery
 
 
-@ends_with_errors_told
+@reports_errors
 def recover(
-    folder: Path = typer.Argument(..., metavar="DIR", help="A run's folder, or a folder of runs.", show_default=False),
+    folder: Path = typer.Argument(..., metavar="DIR", help="Run folder, or folder of runs.", show_default=False),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Finish runs that a crash left open.
 
-    Every row that was committed is sealed; the manifest of such a run says that it was lost, and what of it may be missing.
-    Doing it twice changes nothing. A run in progress is left alone. Ends with 5 where tools of a run may still be hot.
+    Finalizes every committed row and notes in the manifest that the run was lost and what may be missing. Running it again changes
+    nothing. Skips a run in progress. Exit code 5: tools of a run may still be hot.
 
     \b
     Example:
@@ -33,15 +33,15 @@ def recover(
     from jbclog.record.recover import Outcome, recover_all
 
     if not is_folder(folder):
-        raise UsageError(f"{folder}: there is no such folder")
+        raise UsageError(f"{folder}: no such folder")
     done = recover_all(folder)
     if as_json:
-        tell_json({"runs": [_facts(one) for one in done]})
+        echo_json({"runs": [_facts(one) for one in done]})
     else:
         for one in done:
-            tell(one.text)
+            echo(one.text)
         if not done:
-            tell(f"{folder}: no runs in it")
+            echo(f"{folder}: no runs")
     if not all(one.is_safe for one in done):
         raise typer.Exit(Unsafe.exit_code)
     if any(one.outcome is Outcome.REFUSED for one in done):

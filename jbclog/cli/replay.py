@@ -1,4 +1,4 @@
-"""`jbclog replay`: a recorded run once more, as virtual stations or at once."""
+"""`jbclog replay`: serve a recorded run as virtual stations, or reproduce it without ports."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.options import is_folder
-from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.options import NO_FOLDER, is_folder
+from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
@@ -22,42 +22,38 @@ if TYPE_CHECKING:
     from jbclog.transport.session_history import Divergence
 
 SERVED_IN = Path("replayed")
-DOUBTFUL = "The recording is not as it was made: what follows rests on those blocks of it alone whose own check sums hold."
+DOUBTFUL = "The recording was changed: only blocks with a correct checksum are used."
 
-UNSEALED = "nothing was compared: the run is not sealed; `jbclog recover` finishes it"
-SAME = "the same decoded tables"
+UNSEALED = "not compared: the run is not sealed; finish it with `jbclog recover`"
+SAME = "decoded tables are equal"
 
 
-@ends_with_errors_told
+@reports_errors
 def replay(
     run: Path = options.RUN,
     folder: Path | None = typer.Option(
-        None, "--dir", metavar="DIR", help=f"Where the ports and the line file are made.  [default: {SERVED_IN}]"
+        None, "--dir", metavar="DIR", help=f"Folder for ports and line file.  [default: {SERVED_IN}]"
     ),
-    tcp: str | None = typer.Option(None, metavar="HOST:PORT", help="Serve on TCP, a port a station from this one on."),
-    out: Path | None = typer.Option(
-        None, "--record", metavar="DIR", help="Serve nothing: live through the run at once, record that below DIR, and compare."
-    ),
+    tcp: str | None = typer.Option(None, metavar="HOST:PORT", help="First TCP port; one port per station."),
+    out: Path | None = typer.Option(None, "--record", metavar="DIR", help="Reproduce the run at once below DIR and compare."),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Serve a run recorded with --wire as virtual stations.
+    """Replay a run recorded with --wire, or reproduce it.
 
-    Each answers as it did then: with the same bytes after the same time, corrupt, late, or not at all; a link that was lost
-    is lost again. No answer from behind a recorded write is given before that write comes; a question that comes once more
-    than then gets the last answer before it, and the end shows how often. DIR/line.toml is the line file for `run`;
-    its path is the first line of stdout, and the call that records the run again stands on stderr.
+    Serves virtual stations that answer with the recorded bytes after the recorded time, including corrupt, late and missing
+    answers and lost links. A station gives no answer from after a recorded write until that write comes. A repeated query gets the
+    previous answer; the end shows how many. DIR/line.toml is the line file for `run`: its path is the first line of stdout; the
+    command that records the run again is printed on stderr.
 
-    A run recorded from served stations has the same settings, counters and kinds of events, and on each tick the same fast
-    signals. What may differ: times, how late a tick was and how long its scan took; the row of a slow signal's reading, and
-    whether the last one falls behind the end, for a slow signal is read when the link has time, which is a matter of a
-    millisecond; and with corrupt, late or lost answers, the few ticks at which such a slow reading takes the time of the next.
-    Of a run with --rate max the number of rows may differ.
+    A run recorded from served stations has the same settings, counters, kinds of events and fast signals on each tick. These may
+    differ: times, how late a tick was and how long its scan took; the row of a slow reading, which is taken when the link is free;
+    and, with corrupt, late or lost answers, the few ticks that such a reading delays. With --rate max the number of
+    rows may differ.
 
-    With --record there are no ports and no waiting. The run is lived through on its own clock, and its tables come out the
-    same to the last row: samples, events, settings and counters of all stations, but for the moments at which rows were
-    written and the events of the recorder itself. It says how many rows were compared. The exit code is 1 where anything
-    differs, where nothing was compared, and where the wires kept less than the run, unless the run itself was cut off. The
-    last line of stdout is the new run's folder.
+    --record uses no ports and does not wait: it reproduces the samples, events, settings and counters of all stations to the last
+    row, except when rows were written and the recorder's own events, and prints how many rows were compared. Exit code 1: a
+    difference, nothing compared, or captures that hold less than a run that was not cut off. The last line of stdout is the new
+    run folder.
 
     \b
     Example:
@@ -66,9 +62,9 @@ def replay(
     from jbclog.app.replay import open_recording
 
     if not is_folder(run):
-        raise UsageError(f"{run}: there is no such folder; runs are in `runs/`, or where --out put them")
+        raise UsageError(NO_FOLDER.format(run))
     if out is not None and (folder, tcp) != (None, None):
-        raise UsageError("--record serves nothing: leave out --dir and --tcp")
+        raise UsageError("--record serves no stations: omit --dir and --tcp")
     recording = open_recording(run)
     doubts = recording.doubts
     for text in doubts:
@@ -81,7 +77,7 @@ def replay(
         raise typer.Exit(_record(recording, out, doubts, as_json=as_json))
 
 
-# -- on ports -------------------------------------------------------------------------------------------------------------------
+# -- serve ----------------------------------------------------------------------------------------------------------------------
 
 
 def _serve(recording: Recording, folder: Path, tcp: str | None) -> None:
@@ -91,48 +87,48 @@ def _serve(recording: Recording, folder: Path, tcp: str | None) -> None:
 
     served_on = tcp_of(tcp) if tcp else None
     if served_on is not None and not is_this_host(served_on[0]):
-        raise UsageError(f"--tcp {tcp}: a recorded run is served on this machine only, as 127.0.0.1:PORT")
+        raise UsageError(f"--tcp {tcp}: must be on this machine, such as 127.0.0.1:PORT")
     server, stations = serve(recording, folder, served_on)
     server.stop_on_signals()
-    tell(str(folder / SERVED_LINE))
+    echo(str(folder / SERVED_LINE))
     count = len(stations)
-    note(f"{count} recorded station{' is' if count == 1 else 's are'} ready; Ctrl-C ends this. In another terminal:")
+    note(f"{count} recorded station{' is' if count == 1 else 's are'} ready; stop with Ctrl-C. In another terminal:")
     note(f"  {shlex.join(_command(recording, folder / SERVED_LINE))}")
     server.run()
     for station in stations:
-        _tell_misses(station)
+        _print_misses(station)
 
 
 def _command(recording: Recording, line: Path) -> list[str]:
-    """The run that asks for the same as then. The line file has the rates that came of it, as far as they are known."""
+    """Return the command that repeats the run. The line file holds its rates, as far as they are known."""
     from jbclog.app.replay import plan_of
 
-    plan, told = plan_of(recording), recording.metadata
+    plan, metadata = plan_of(recording), recording.metadata
     rate = None if recording.rates_hz else recording.first.rate
     options = [("--rate", f"{rate:g}" if isinstance(rate, float) else rate)]
     options += [("--duration", None if recording.sampled_s is None else f"{recording.sampled_s:g}s")]
-    options += [("--operator", told.operator), ("--order", told.order), ("--product", told.product)]
-    options += [("--unit", unit) for unit in told.units] + [("--tag", f"{name}={text}") for name, text in told.tags.items()]
-    options += [("--wire-lot", lot) for lot in told.wire_lots] + [("--flux-lot", lot) for lot in told.flux_lots]
-    options += [("--tip", tip) for tip in told.tips]
+    options += [("--operator", metadata.operator), ("--order", metadata.order), ("--product", metadata.product)]
+    options += [("--unit", unit) for unit in metadata.units] + [("--tag", f"{name}={text}") for name, text in metadata.tags.items()]
+    options += [("--wire-lot", lot) for lot in metadata.wire_lots] + [("--flux-lot", lot) for lot in metadata.flux_lots]
+    options += [("--tip", tip) for tip in metadata.tips]
     words = ["jbclog", "run", "--line", str(line), *(word for name, text in options if text for word in (name, text))]
     return words + ["--allow-omega-write"] * plan.wanted.allow_omega_write + ["--allow-missing"] * plan.wanted.allow_missing
 
 
-def _tell_misses(station: ReplayedStation) -> None:
+def _print_misses(station: ReplayedStation) -> None:
     if station.strange:
-        note(f"{station.name}: {station.strange} times it was asked what the recording does not have; it was silent")
+        note(f"{station.name}: {station.strange} queries are not in the recording and got no answer")
     if again := sum(station.repeated.values()):
-        note(f"{station.name}: {again} questions came more often than they were recorded, and got the last answer before them")
+        note(f"{station.name}: {again} queries came more often than recorded and got the previous answer")
     if station.left_out:
-        note(f"{station.name}: {station.left_out} recorded questions did not come, and their answers were left out")
+        note(f"{station.name}: {station.left_out} recorded queries did not come; their answers were skipped")
 
 
-# -- at once --------------------------------------------------------------------------------------------------------------------
+# -- reproduce ------------------------------------------------------------------------------------------------------------------
 
 
-class _Nobody:
-    """Looks on and says nothing: what happened then has been told then."""
+class _Silent:
+    """Observer that shows nothing: the events were shown when the run was recorded."""
 
     def begun(self, folder: Path) -> None: ...
 
@@ -146,13 +142,13 @@ class _Nobody:
 def _record(recording: Recording, out: Path, doubts: Sequence[str], *, as_json: bool) -> int:
     from jbclog.app.replay import compare, record_again
 
-    again = record_again(recording, out, _Nobody())
+    again = record_again(recording, out, _Silent())
     held = compare(recording, again)
-    left = [_told(name, astray, recording) for name, astray in again.left.items()]
+    left = [_astray_text(name, astray, recording) for name, astray in again.left.items()]
     if as_json:
-        tell_json({"run": str(again.result.folder), **_held_json(held), "left": left, "doubts": list(doubts)})
+        echo_json({"run": str(again.result.folder), **_held_json(held), "left": left, "doubts": list(doubts)})
     else:
-        _tell(again, held, left)
+        _print(again, held, left)
     return 0 if held is not None and held.is_same and not doubts else 1
 
 
@@ -164,33 +160,33 @@ def _held_json(held: Held | None) -> dict[str, object]:
     return {"same": held.is_same, **found}
 
 
-def _tell(again: Again, held: Held | None, left: Sequence[str]) -> None:
+def _print(again: Again, held: Held | None, left: Sequence[str]) -> None:
     for text in left:
         note(text)
     if held is None:
         note(UNSEALED)
     else:
-        _tell_held(held)
-    tell(str(again.result.folder))
+        _print_held(held)
+    echo(str(again.result.folder))
 
 
-def _tell_held(held: Held) -> None:
+def _print_held(held: Held) -> None:
     differences = held.comparison.differences
     for text in differences:
-        tell(text)
+        echo(text)
     for text in held.uncompared:
         note(text)
     note(held.compared)
     if held.is_same:
-        note("the same decoded tables, as far as the wires of a run that was cut off go" if held.lacking else SAME)
+        note(f"{SAME}, as far as the captures of the cut-off run reach" if held.lacking else SAME)
     elif differences:
         note(f"{len(differences)} differences")
     else:
-        note("no proof: the wires kept less than the run" if held.uncompared else "no proof: a session left its recording")
+        note("not proven: the captures hold less than the run" if held.uncompared else "not proven: a session left its recording")
 
 
-def _told(name: str, astray: Divergence, recording: Recording) -> str:
+def _astray_text(name: str, astray: Divergence, recording: Recording) -> str:
     after = f"{astray.at_s - recording.first.t0_mono:.1f} s after the run's start"
     if astray.is_cut_off:
-        return f"{name}: the recording ends {after}, before its session did"
-    return f"{name}: left the recording {after}: this program does something else there ({astray})"
+        return f"{name}: the recording ends {after}, before its session"
+    return f"{name}: left the recording {after}: this version acts differently ({astray})"

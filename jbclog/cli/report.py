@@ -1,4 +1,4 @@
-"""`jbclog report`: what a run was, on a page."""
+"""`jbclog report`: the report of a run."""
 
 from __future__ import annotations
 
@@ -8,23 +8,22 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import expect_run
-from jbclog.cli.output import ends_with_errors_told, tell, tell_json
+from jbclog.cli.output import echo, echo_json, reports_errors
 
 
-@ends_with_errors_told
+@reports_errors
 def report(
     run: Path = options.RUN,
-    verify: bool = typer.Option(False, "--verify", help="Write nothing: make report and verdict again and compare."),
+    verify: bool = typer.Option(False, "--verify", help="Reproduce report and verdict, compare; write nothing."),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Write a run's report: page, PDF to sign, JSON and tables.
 
-    The verdict with its rules, joints and their recovery, alarms as episodes with what was acknowledged, the tip verification of
-    each port, and all that was read, set, counted and lost. report.html, report.pdf, report.json, the figures and, for
-    spreadsheets, tables/*.csv are put into the run's folder. The page opens without a network, prints on A4, and its figures can
-    be looked at closer; all of them name the manifest that they were made from. Made again from the same run it has the same
-    bytes, and the verdict comes out the same: --verify does both, writes nothing, and ends with 1 where a file or a rule differs.
-    A run of an earlier version of the rules is judged by that version.
+    Writes report.html, report.pdf, report.json, figures and tables/*.csv into the run folder: the verdict with its rules, joints
+    and recovery, alarm episodes and acknowledgements, tip verifications, settings, counters and losses. The page works offline,
+    prints on A4 and zooms into its figures. Each file names the manifest it was made from. The same run gives the same bytes and
+    the same verdict, by the version of the rules that the run was judged by. --verify reproduces both; exit code 1: a file or a
+    rule differs.
 
     \b
     Example:
@@ -38,11 +37,11 @@ def report(
 
     page = write_report(run)
     if as_json:
-        tell_json(
+        echo_json(
             {"run": str(run), "report": str(page), "json": str(page.with_suffix(".json")), "pdf": str(page.with_suffix(".pdf"))}
         )
     else:
-        tell(str(page))
+        echo(str(page))
 
 
 def _verify(run: Path, *, as_json: bool) -> None:
@@ -50,9 +49,9 @@ def _verify(run: Path, *, as_json: bool) -> None:
 
     differing = verify_report(run)
     if as_json:
-        tell_json({"run": str(run), "agrees": not differing, "findings": differing})
+        echo_json({"run": str(run), "agrees": not differing, "findings": differing})
     else:
-        for text in differing or [f"{run}: the report is what its record gives"]:
-            tell(text)
+        for text in differing or [f"{run}: the report matches its record"]:
+            echo(text)
     if differing:
         raise typer.Exit(1)

@@ -1,29 +1,32 @@
-"""`jbclog run`: the main job."""
+"""`jbclog run`: apply a recipe, confirm it and record, with the serials of `--units`."""
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
-from jbclog.cli.run_wording import reasons_told
+from jbclog.cli.options import check_text
+from jbclog.cli.output import echo, echo_json, is_terminal, note, reports_errors
 from jbclog.cli.streams import never_wait
-from jbclog.cli.unit_lines import listed, source_of, unshown
+from jbclog.core.errors import UsageError
 from jbclog.core.outcome import Exit, in_order, tools_text
 
 if TYPE_CHECKING:
     from jbclog.app.run.plan import Plan, RunOptions
     from jbclog.app.run.run_record import Result
-    from jbclog.transport.typed_lines import LineSource
+    from jbclog.transport.typed_lines import LineSource, TypedLine
 
-MOST_REASONS = 12  # told on the terminal; all of them are in the manifest and the report
+MOST_REASONS = 12  # on the terminal; manifest and report have all
 
 
-@ends_with_errors_told
+@reports_errors
 def run(
     recipe: Path | None = options.RECIPE,
     line: Path = options.LINE,
@@ -33,37 +36,33 @@ def run(
     until_joints: int | None = options.UNTIL_JOINTS,
     rate: str | None = options.RATE,
     stations: list[str] = options.STATION,
-    operator: str | None = typer.Option(None, metavar="NAME", help="Who runs it."),
-    order: str | None = typer.Option(None, metavar="NUMBER", help="The work order."),
-    product: str | None = typer.Option(None, metavar="NAME", help="What is made."),
-    unit: list[str] = typer.Option([], metavar="SERIAL", help="A unit that is made; may be repeated."),
+    operator: str | None = typer.Option(None, metavar="NAME", help="Operator."),
+    order: str | None = typer.Option(None, metavar="NUMBER", help="Work order."),
+    product: str | None = typer.Option(None, metavar="NAME", help="Product."),
+    unit: list[str] = typer.Option([], metavar="SERIAL", help="Serial of a unit; repeatable."),
     units: str | None = typer.Option(
         None,
         metavar="-|FILE",
-        help="Serials of units, a line each, read during the run: what a barcode reader types (-), a pipe or a device. "
-        "Of a plain file all lines are units from the start.",
+        help="Serials, one per line, from a barcode reader (-), pipe or file.",
         show_default=False,
     ),
-    wire_lot: list[str] = typer.Option([], metavar="LOT", help="The solder wire's lot; may be repeated."),
-    flux_lot: list[str] = typer.Option([], metavar="LOT", help="The flux's lot; may be repeated."),
-    tip: list[str] = typer.Option(
-        [], metavar="[STATION[:PORT]=]ID", help="Which tip is in the tools, or in one station's, or in one; may be repeated."
-    ),
-    tag: list[str] = typer.Option([], metavar="NAME=VALUE", help="Anything else to keep with the run; may be repeated."),
-    wire: bool = typer.Option(False, "--wire", help="Keep every byte with its time in the run's folder, for `jbclog replay`."),
-    no_guard: bool = typer.Option(False, "--no-guard", help="Run without the process that makes tools safe if this one dies."),
+    wire_lot: list[str] = typer.Option([], metavar="LOT", help="Lot of the solder wire; repeatable."),
+    flux_lot: list[str] = typer.Option([], metavar="LOT", help="Lot of the flux; repeatable."),
+    tip: list[str] = typer.Option([], metavar="[STATION[:PORT]=]ID", help="Tip of all tools, one station or one port; repeatable."),
+    tag: list[str] = typer.Option([], metavar="NAME=VALUE", help="Tag stored with the run; repeatable."),
+    wire: bool = typer.Option(False, "--wire", help="Record a serial capture, for `jbclog replay`."),
+    no_guard: bool = typer.Option(False, "--no-guard", help="Run without the guard process."),
     allow_omega_write: bool = options.ALLOW_OMEGA_WRITE,
     allow_missing: bool = typer.Option(False, "--allow-missing", help="Start without stations that are missing or refuse."),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Apply a recipe, prove that it took, and record until the end.
+    """Apply a recipe, confirm every setting, and record.
 
-    All stations start together: first each is read and checked, then what cannot heat is written, then setpoints and status. If
-    one fails, none starts. Every setting is read back. Ctrl-C ends the run, puts the tools in their safe state and closes the
-    record. The last line of stdout is the run's folder.
+    Starts all stations together, or none: reads and checks each, writes what cannot heat, then setpoints and status, and reads
+    every setting back. Ctrl-C ends the run, puts the tools in their safe state and closes the record. The last line of stdout is
+    the run folder. The lines of a regular --units file are units from the start; other sources are read during the run.
 
-    --until-units and --until-joints end the run at that number, --duration at the latest; a run that ends with fewer has exit
-    code 1.
+    --until-units and --until-joints end the run at that number, --duration at the latest; exit code 1: the run ends with fewer.
 
     \b
     Example:
@@ -83,44 +82,44 @@ def run(
 
 
 def record(wanted: RunOptions, out: Path, units: LineSource | None = None, *, as_json: bool) -> int:
-    """Carry out the one job that there is, as a batch does each of its own, and tell what came of it; give the exit code."""
+    """Run the job, print its result and return its exit code."""
     from jbclog.app.run.runner import Job, carry_out
     from jbclog.cli.progress import BackgroundObserver, observer
 
     shown = BackgroundObserver(observer(wanted.duration_s, quiet=as_json))
     try:
-        with unshown(units):
-            result = carry_out(Job(wanted, out), shown, units=units, missed=shown.missed, planned=_tell_notes)
+        with without_echo(units):
+            result = carry_out(Job(wanted, out), shown, units=units, missed=shown.missed, planned=_print_notes)
     finally:
         shown.close()
     if as_json:
-        tell_json(_facts(result))
+        echo_json(_facts(result))
     else:
-        _tell(result)
+        _print(result)
     return result.exit_code.value
 
 
-def _tell_notes(plan: Plan) -> None:
+def _print_notes(plan: Plan) -> None:
     for text in plan.notes:
         note(f"note: {text}")
 
 
-def _tell(result: Result) -> None:
+def _print(result: Result) -> None:
     for finding in in_order(result.findings):
         note(f"exit {finding.code.value}: {finding.text}")
-    if result.exit_code is Exit.NOT_FINE:  # worse ones say already why there is no better verdict
-        _tell_reasons(result)
+    if result.exit_code is Exit.NOT_FINE:  # the findings of worse codes already explain the verdict
+        _print_reasons(result)
     note(tools_text(result.manifest.stations))
     note(f"verdict: {result.manifest.verdict}; exit code {result.exit_code.value}")
-    tell(str(result.folder))
+    echo(str(result.folder))
 
 
-def _tell_reasons(result: Result) -> None:
-    reasons = reasons_told(result.manifest.verdict_rules)
+def _print_reasons(result: Result) -> None:
+    reasons = verdict_reasons(result.manifest.verdict_rules)
     for text in reasons[:MOST_REASONS]:
         note(f"  {text}")
     if len(reasons) > MOST_REASONS:
-        note(f"  and {len(reasons) - MOST_REASONS} more: `jbclog report {result.folder}` shows them")
+        note(f"  and {len(reasons) - MOST_REASONS} more; see `jbclog report {result.folder}`")
 
 
 def _facts(result: Result) -> dict[str, object]:
@@ -134,3 +133,105 @@ def _facts(result: Result) -> dict[str, object]:
         "goals": [asdict(goal) for goal in manifest.goals],
         "safe_state": {facts.name: facts.safe_state for facts in manifest.stations},
     }
+
+
+# -- units ------------------------------------------------------------------------------------------------------------------
+
+LONGEST_LIST: Final = 1_000_000  # bytes of a plain file
+KEYBOARD: Final = 0
+
+
+def listed(name: str | None) -> list[str]:
+    """Return the serials of a regular file; none for a source that is read during the run. Raises `UsageError`."""
+    from jbclog.transport.typed_lines import is_plain_file, lines_of_file
+
+    if name is None or not is_plain_file(name):
+        return []
+    return list(dict.fromkeys(_serial(name, line) for line in lines_of_file(name, LONGEST_LIST)))
+
+
+def _serial(name: str, line: TypedLine) -> str:
+    """Return the serial. Raises `UsageError` if it is too long or holds hidden characters."""
+    if not line.is_clear or not line.is_whole:
+        raise UsageError(f"--units {name}: {line.text:.60}: not a serial (too long, or hidden characters)")
+    check_text(f"--units {name}", line.text)
+    return line.text
+
+
+def source_of(name: str | None) -> LineSource | None:
+    """Return the source of serials during the run. Raises `UsageError`."""
+    from jbclog.transport.typed_lines import is_plain_file, open_source
+
+    return None if name is None or is_plain_file(name) else open_source(name)
+
+
+@contextmanager
+def without_echo(source: LineSource | None) -> Iterator[None]:
+    """Switch the terminal's echo off, so that the input of a barcode reader does not spoil the live table."""
+    if source is None or source.name != "stdin" or not source.is_typed or not is_terminal() or not _is_ours():
+        yield
+        return
+    import termios
+
+    before = termios.tcgetattr(KEYBOARD)
+    silent = [*before]
+    silent[3] &= ~termios.ECHO
+    termios.tcsetattr(KEYBOARD, termios.TCSADRAIN, silent)
+    try:
+        yield
+    finally:
+        with suppress(termios.error):
+            termios.tcsetattr(KEYBOARD, termios.TCSADRAIN, before)
+
+
+def _is_ours() -> bool:
+    """Return whether this program is in the foreground; the system stops a background one that changes the terminal."""
+    try:
+        return os.tcgetpgrp(KEYBOARD) == os.getpgrp()
+    except OSError:
+        return False
+
+
+# -- reasons of a verdict -----------------------------------------------------------------------------------------------------
+
+MOST_SEVERE_FIRST = ("fail", "missing", "deviation")
+
+RuleFacts = dict[str, object]
+"""An entry of the manifest's `verdict_rules`."""
+
+
+def verdict_reasons(rules: Iterable[RuleFacts]) -> list[str]:
+    """Return each failed or missing rule's sentence once, with its places and rule names, most severe first."""
+    broken = sorted((rule for rule in rules if rule["result"] in MOST_SEVERE_FIRST), key=_severity)
+    same: dict[tuple[str, str], list[RuleFacts]] = {}
+    for rule in broken:
+        same.setdefault((str(rule["result"]), _sentence(rule)), []).append(rule)
+    return [_reason(result, sentence, alike) for (result, sentence), alike in same.items()]
+
+
+def _severity(rule: RuleFacts) -> int:
+    return MOST_SEVERE_FIRST.index(str(rule["result"]))
+
+
+def _sentence(rule: RuleFacts) -> str:
+    """Return the rule's sentence without its place."""
+    text = str(rule["text"])
+    bare = text.removeprefix(f"Port {rule['port']}: ")
+    return text if bare == text else bare[:1].upper() + bare[1:]
+
+
+def _reason(result: str, sentence: str, rules: list[RuleFacts]) -> str:
+    places = "; ".join(_places(rules))
+    names = ", ".join(dict.fromkeys(str(rule["name"]) for rule in rules))
+    return f"{result}: {places + ': ' if places else ''}{sentence} ({names})"
+
+
+def _places(rules: Iterable[RuleFacts]) -> Iterator[str]:
+    """``dde-1 ports 1, 2``, ``ucr-1``."""
+    ports: dict[str, dict[str, None]] = {}
+    for rule in rules:
+        if rule["station"] is not None:
+            own = ports.setdefault(str(rule["station"]), {})
+            own |= {} if rule["port"] is None else {str(rule["port"]): None}
+    for station, own in ports.items():
+        yield f"{station} port{'s' if len(own) > 1 else ''} {', '.join(own)}" if own else station

@@ -1,4 +1,4 @@
-"""`jbclog scan`: who answers on these ports?"""
+"""`jbclog scan`: find stations on serial and network ports."""
 
 from __future__ import annotations
 
@@ -12,56 +12,55 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
     from jbclog.core.serial_line import LineFormat
     from jbclog.session.discovery.found import PortReport, ScanPlan, StationFound, Turnaround
 
-# -- scan wording -------------------------------------------------------------------------------------------------------------
-# What a scan found, for the terminal and as facts: each port, who answers, what is wrong, and everything that was sent.
+# -- result -------------------------------------------------------------------------------------------------------------------
 
 NOT_PROVEN = "not known until the first write"
-NO_PORTS = "this computer has no USB serial port: plug the adapter in, or name the port: `jbclog scan /dev/ttyS0`"
+NO_PORTS = "no USB serial port found: plug the adapter in, or name the port: `jbclog scan /dev/ttyS0`"
 
 
-def tell_progress(report: PortReport, *, quiet: bool) -> None:
+def print_progress(report: PortReport, *, quiet: bool) -> None:
     if not quiet:
         note(f"{report.url}: {_title(report)}")
 
 
 def _title(report: PortReport) -> str:
     if report.station is None:
-        return "no station" if report.tried else "not asked"
+        return "no station" if report.tried else "not scanned"
     found = report.station
-    family = f"family {found.family.name}" if found.family else "of no known family"
-    return f"{found.model}, {family}" if found.model else family if found.family else "a station that does not say its model"
+    family = f"family {found.family.name}" if found.family else "unknown family"
+    return f"{found.model}, {family}" if found.model else family if found.family else "a station that reports no model"
 
 
-def tell_no_ports(*, as_json: bool) -> None:
+def print_no_ports(*, as_json: bool) -> None:
     if as_json:
-        tell_json({"ports": [], "sent": [], "written": None, "finding": NO_PORTS})
+        echo_json({"ports": [], "sent": [], "written": None, "finding": NO_PORTS})
     else:
-        tell(NO_PORTS)
+        echo(NO_PORTS)
 
 
-def tell_found(reports: list[PortReport], wanted: Path | None, written: Path | None) -> None:
+def print_found(reports: list[PortReport], wanted: Path | None, written: Path | None) -> None:
     from jbclog.app.discovery import is_complete
 
     for report in reports:
-        tell(*_lines(report))
-        tell()
-    tell(*_sent_lines(reports))
+        echo(*_lines(report))
+        echo()
+    echo(*_sent_lines(reports))
     if wanted and not written:
-        tell()
-        tell(f"not written: {wanted}; there is no station that a run could begin with")
+        echo()
+        echo(f"not written: {wanted}; no station that jbclog can drive")
     if written:
-        tell()
+        echo()
         if is_complete(reports):
-            tell(f"written: {written}. `jbclog plan RECIPE --line {written}` shows what a run would do.")
+            echo(f"written: {written}. Next: jbclog plan RECIPE --line {written}")
         else:
-            tell(f"written: {written}, without a station yet: name the family in it, and take away the # before its lines.")
+            echo(f"written: {written}, no station active yet: enter the family and remove the # before its lines.")
 
 
 def _lines(report: PortReport) -> Iterator[str]:
@@ -83,7 +82,7 @@ def _station_lines(found: StationFound) -> Iterator[tuple[str, str]]:
     if found.has_robot_mode:
         yield "Robot mode", NOT_PROVEN if found.robot_mode is None else "off"
     else:
-        yield "identity", "not told: it answers A as an OMEGA does"
+        yield "identity", "not reported: it answers A as an OMEGA does"
     if found.software:
         yield "software", found.software
     if found.tools:
@@ -93,35 +92,35 @@ def _station_lines(found: StationFound) -> Iterator[tuple[str, str]]:
     if found.not_answered:
         yield "no answer", ", ".join(name.replace("_", " ") for name in found.not_answered)
     if found.turnaround:
-        yield "turnaround", _turnaround_text(found.turnaround)
+        yield "response", _turnaround_text(found.turnaround)
         if found.turnaround.faster:
-            yield "note", f"{found.turnaround.faster}; this does no harm"
+            yield "note", f"{found.turnaround.faster} (harmless)"
 
 
 def _tool_text(tool: str | None) -> str:
-    return {None: "not told", "none": "no tool"}.get(tool, str(tool))
+    return {None: "not reported", "none": "no tool"}.get(tool, str(tool))
 
 
 def _turnaround_text(turnaround: Turnaround) -> str:
     missed = turnaround.asked - turnaround.answered
     lost = f", {missed} of {turnaround.asked} not answered" if missed else ""
-    return f"{turnaround.median_ms:.2f} ms median, {turnaround.p99_ms:.2f} ms at worst{lost}"
+    return f"{turnaround.median_ms:.2f} ms median, {turnaround.p99_ms:.2f} ms 99th percentile{lost}"
 
 
 def _sent_lines(reports: Iterable[PortReport]) -> Iterator[str]:
-    """What was sent, each question once with its bytes, how often, and at how many line formats."""
+    """Return each query sent, with its bytes, count and number of line formats."""
     from jbclog.session.discovery.probe import question_text
 
     sent = _sent(reports)
     number = sum(lines.total() for lines in sent.values())
-    yield f"Sent {count_of(number, 'question')} and nothing else; nothing was written or cleared:"
+    yield f"Sent {number} {'query' if number == 1 else 'queries'}; wrote and cleared nothing:"
     for data, lines in sent.items():
         at = next(iter(lines)) if len(lines) == 1 else f"{len(lines)} line formats"
         yield f"  {lines.total():>4} × {question_text(data)}, at {at}: {data.hex(' ')}"
 
 
 def _sent(reports: Iterable[PortReport]) -> dict[bytes, Counter[LineFormat]]:
-    """How often each question was sent at each line format."""
+    """Return how often each query was sent at each line format."""
     sent: dict[bytes, Counter[LineFormat]] = {}
     for report in reports:
         for (line, data), count in report.sent.items():
@@ -187,27 +186,27 @@ def _station_facts(found: StationFound) -> dict[str, object]:
 _ADDRESSES = re.compile(r"(\d{1,2})(?:-(\d{1,2}))?", re.ASCII)
 
 
-@ends_with_errors_told
+@reports_errors
 def scan(
     urls: list[str] = typer.Argument(
-        None, metavar="[URL]...", help="Devices, socket://HOST:PORT or rfc2217://HOST:PORT. Default: every USB serial port."
+        None, metavar="[URL]...", help="Device, socket://HOST:PORT or rfc2217://HOST:PORT; default: USB serial ports."
     ),
-    write: Path | None = typer.Option(None, "--write", "-w", metavar="FILE", help="Write a line file with what was found."),
-    force: bool = typer.Option(False, "--force", help="Let --write replace a file."),
+    write: Path | None = typer.Option(None, "--write", "-w", metavar="FILE", help="Line file to write."),
+    force: bool = typer.Option(False, "--force", help="Overwrite the file of --write."),
     thorough: bool = typer.Option(False, "--thorough", help="Try all 72 line formats of the older stations."),
     addresses: str | None = typer.Option(
-        None, metavar="LIST", help="Ask these addresses too, such as 2,5 or 1-99. Usual: 1, none, 10.", show_default=False
+        None, metavar="LIST", help="More addresses, such as 2,5 or 1-99; default: 1, none, 10.", show_default=False
     ),
     seconds: float | None = typer.Option(
-        None, min=0.5, max=3600, metavar="S", help="Give up on a port after this many seconds.", show_default=False
+        None, min=0.5, max=3600, metavar="S", help="Time limit per port, in seconds.", show_default=False
     ),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Find stations and the link settings that they answer at.
+    """Find stations and their link settings.
 
-    Asks with and without addresses, at the usual rates and formats, and for OMEGA. Sends only questions that change and clear
-    nothing, and lists them at the end. Leaves ports alone that are in use. Exit code 1: a named port has no station that jbclog
-    can drive, or none was found.
+    Tries the usual baud rates, formats and addresses, and the OMEGA protocol. Sends only queries that change and clear nothing, and
+    lists them at the end. Skips ports in use. Exit code 1: a named port has no station that jbclog can drive, or no station was
+    found.
 
     \b
     Example:
@@ -219,24 +218,24 @@ def scan(
     asked = _addresses(addresses)
     wanted = [(url, _plan(url, asked, thorough=thorough, seconds=seconds)) for url in _ports(urls)]
     if not wanted:
-        tell_no_ports(as_json=as_json)
+        print_no_ports(as_json=as_json)
         raise typer.Exit(1)
-    note(f"asking {count_of(len(wanted), 'port')}, at most {max(plan.seconds for _, plan in wanted):.0f} s each")
-    reports = search(wanted, lambda report: tell_progress(report, quiet=as_json))
+    note(f"scanning {count_of(len(wanted), 'port')}, {max(plan.seconds for _, plan in wanted):.0f} s each at most")
+    reports = search(wanted, lambda report: print_progress(report, quiet=as_json))
     written = _write(write, reports)
     if as_json:
-        tell_json(facts_of(reports, written))
+        echo_json(facts_of(reports, written))
     else:
-        tell_found(reports, write, written)
+        print_found(reports, write, written)
     if not _all_fine(reports, named=bool(urls)):
         raise typer.Exit(1)
 
 
-# -- what is asked for ------------------------------------------------------------------------------------------------------
+# -- options ----------------------------------------------------------------------------------------------------------------
 
 
 def _ports(urls: list[str] | None) -> list[str]:
-    """The ports that are named, each once; every USB serial port where none is. Raises `UsageError`."""
+    """Return the named ports without duplicates, or every USB serial port. Raises `UsageError`."""
     from jbclog.config.line import is_path, url_problem
     from jbclog.transport.system_ports import usb_ports
 
@@ -258,7 +257,7 @@ def _plan(url: str, addresses: tuple[int | None, ...], *, thorough: bool, second
 
 
 def _addresses(text: str | None) -> tuple[int | None, ...]:
-    """The usual addresses and those of ``2,5`` or ``1-99``. Raises `UsageError`."""
+    """Return the default addresses and those of ``2,5`` or ``1-99``. Raises `UsageError`."""
     from jbclog.session.discovery.found import ADDRESSES
 
     found: dict[int | None, None] = dict.fromkeys(ADDRESSES)
@@ -266,23 +265,23 @@ def _addresses(text: str | None) -> tuple[int | None, ...]:
         match = _ADDRESSES.fullmatch(part.strip())
         first, last = (int(match[1]), int(match[2] or match[1])) if match else (0, 0)
         if not 1 <= first <= last <= 99:
-            raise UsageError(f"--addresses {text}: give addresses from 1 to 99, such as 2,5 or 1-99")
+            raise UsageError(f"--addresses {text}: must be 1 to 99, such as 2,5 or 1-99")
         found |= dict.fromkeys(range(first, last + 1))
     return tuple(found)
 
 
 def _check_file(write: Path | None, *, force: bool) -> None:
-    """Before anything is sent: what is there is not overwritten by mistake."""
+    """Raise `UsageError`, before anything is sent, if the file exists or its folder does not."""
     if write is None:
         return
     if write.exists() and not (force and write.is_file()):
-        raise UsageError(f"--write {write}: it is there already; take another name, or --force")
+        raise UsageError(f"--write {write}: exists; give another name or --force")
     if not write.absolute().parent.is_dir():
-        raise UsageError(f"--write {write}: there is no folder {write.absolute().parent}")
+        raise UsageError(f"--write {write}: no such folder: {write.absolute().parent}")
 
 
 def _write(write: Path | None, reports: list[PortReport]) -> Path | None:
-    """The line file, written; None where there was nothing to write."""
+    """Write the line file and return its path; None without a station."""
     from jbclog.app.discovery import text_of
 
     text = None if write is None else text_of(reports, write)
@@ -291,7 +290,7 @@ def _write(write: Path | None, reports: list[PortReport]) -> Path | None:
     try:
         write.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise UsageError(f"--write {write}: cannot be written ({error.strerror})") from error
+        raise UsageError(f"--write {write}: cannot write: {error.strerror}") from error
     return write
 
 

@@ -1,4 +1,4 @@
-"""`jbclog sim`: the line's stations as virtual ones."""
+"""`jbclog sim`: serve the stations of a line as virtual ones."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli.options import expect_file_place
-from jbclog.cli.output import ends_with_errors_told, note, tell
+from jbclog.cli.output import echo, note, reports_errors
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
     from jbclog.sim.serve import ByteLog
 
 
-@ends_with_errors_told
+@reports_errors
 def sim(
-    line: Path = typer.Argument(..., metavar="LINE", help="The line file whose stations are served.", show_default=False),
-    folder: Path = typer.Option(Path("virtual"), "--dir", metavar="DIR", help="Where the ports and the line file are made."),
-    tcp: str | None = typer.Option(None, metavar="HOST:PORT", help="Serve on TCP, a port a station from this one on."),
-    log: Path | None = typer.Option(None, metavar="FILE", help="Keep every question and answer here, as JSON lines."),
+    line: Path = typer.Argument(..., metavar="LINE", help="Line file.", show_default=False),
+    folder: Path = typer.Option(Path("virtual"), "--dir", metavar="DIR", help="Folder for ports and line file."),
+    tcp: str | None = typer.Option(None, metavar="HOST:PORT", help="First TCP port; one port per station."),
+    log: Path | None = typer.Option(None, metavar="FILE", help="Log of every query and answer (JSON lines)."),
 ) -> None:
     """Serve a line's stations as virtual ones, until Ctrl-C.
 
-    It makes a port below DIR for each station, and DIR/line.toml, the line file for `plan` and `run`; its path is the first
-    line of stdout. Absolute device paths in LINE are never touched.
+    Creates a port below DIR for each station, and DIR/line.toml, the line file for `plan` and `run`; its path is the first line of
+    stdout. Never touches absolute device paths in LINE.
 
     \b
     Example:
@@ -39,8 +39,8 @@ def sim(
     server = set_up(loaded, folder, tcp_of(tcp) if tcp else None, wire_file)
     server.stop_on_signals()
     served = folder / SERVED_LINE
-    tell(str(served))
-    note(f"{_count(len(loaded.stations))} ready; Ctrl-C ends this. In another terminal:")
+    echo(str(served))
+    note(f"{_count(len(loaded.stations))} ready; stop with Ctrl-C. In another terminal:")
     recipe = "" if all(station.recipe for station in loaded.stations) else "profiles/recipes/sn100c-tht.toml "
     note(f"  jbclog run {recipe}--line {served} --duration 60s")
     server.run()
@@ -56,7 +56,7 @@ def _wire_file(log: Path | None) -> ByteLog:
     try:
         return ByteLog(log)
     except (OSError, ValueError) as error:
-        raise UsageError(f"--log {log}: cannot be written ({getattr(error, 'strerror', None) or error})") from error
+        raise UsageError(f"--log {log}: cannot write: {getattr(error, 'strerror', None) or error}") from error
 
 
 def _count(stations: int) -> str:

@@ -1,7 +1,7 @@
-"""The program's streams: usable from the start, and never waited for while a tool is hot.
+"""The standard streams: open from the start, and non-blocking while a tool is hot.
 
-Who starts a program may have closed one of them, or may live in a locale that cannot write °C. Neither is a reason not to
-solder; and a port that is opened must not get the number of a closed stream, where every note would be sent to the station.
+A caller may have closed a stream or use a locale without °C. A serial port must never get the number of a closed stream, or every
+note would be sent to the station.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _NUMBERS: Final = (0, 1, 2)
 
 
 def make_usable() -> None:
-    """Put the null device where a stream is closed; let what cannot be encoded be written as an escape."""
+    """Open the null device for each closed stream; write characters that cannot be encoded as escapes."""
     for number in _NUMBERS:
         _open_null_at(number)
     sys.stdin = sys.stdin or open(0, encoding="utf-8", closefd=False)  # noqa: SIM115  # it is the program's, to its end
@@ -37,7 +37,7 @@ def make_usable() -> None:
 
 
 def point_to_null(number: int) -> None:
-    """Let everything that is still to be written to a stream vanish: nobody reads it any more."""
+    """Redirect a stream without a reader to the null device."""
     with suppress(OSError):
         null = os.open(os.devnull, os.O_RDWR)
         os.dup2(null, number)
@@ -45,7 +45,7 @@ def point_to_null(number: int) -> None:
 
 
 def writes_unicode() -> bool:
-    """Whether stdout takes any character as it is."""
+    """Return whether stdout can encode any character."""
     return (getattr(sys.stdout, "encoding", None) or "").lower().replace("-", "").startswith("utf")
 
 
@@ -60,19 +60,17 @@ def _open_null_at(number: int) -> None:
         os.set_inheritable(number, True)
 
 
-# -- nonblocking stdio --------------------------------------------------------------------------------------------------------
-# Output that nobody waits for: a terminal that is held (Ctrl-S), or a pipe that nobody reads, holds no verb with hot tools.
-#
-# The verbs that hold stations call `never_wait`. From there on what they print is written in a thread, as soon as it is taken;
-# at the end it is waited for a little, and what has not been taken by then is lost. The record has it all.
+# -- non-blocking output ------------------------------------------------------------------------------------------------------
+# A terminal stopped by Ctrl-S, or a pipe without a reader, must not block a verb that holds hot tools. Such a verb calls
+# `never_wait`: a thread writes its output. What is not accepted within `END_S` after the end is lost; the record has it all.
 
 WAITING_MOST: Final = 1 << 20  # bytes
 PIECE: Final = 512
-END_S: Final = 2.0  # what people may take at the end of a verb to go on reading
+END_S: Final = 2.0
 
 
 class NonblockingOutput(io.RawIOBase):
-    """Writes to `descriptor` in a thread. `write` never waits; `settle` does, for `END_S` in all."""
+    """Write to `descriptor` in a thread. `write` never blocks; `settle` does, for `END_S` in all."""
 
     def __init__(self, descriptor: int) -> None:
         super().__init__()
@@ -95,7 +93,7 @@ class NonblockingOutput(io.RawIOBase):
         return True
 
     def write(self, data: Buffer, /) -> int:
-        """Take all of `data`, or lose it where too much is waiting already."""
+        """Queue `data`, or drop it if more than `WAITING_MOST` would wait."""
         taken = bytes(data)
         with self._changed:
             if self._size + len(taken) > WAITING_MOST:
@@ -107,7 +105,7 @@ class NonblockingOutput(io.RawIOBase):
         return len(taken)
 
     def settle(self) -> bool:
-        """Wait until all is written, for what is left of `END_S`; give whether it is."""
+        """Wait until all is written, for the rest of `END_S`; return whether it is."""
         began = time.monotonic()
         with self._changed:
             is_done = self._changed.wait_for(lambda: not self._size, self._patience_s)
@@ -127,24 +125,24 @@ class NonblockingOutput(io.RawIOBase):
 
 
 def _write(descriptor: int, data: bytes) -> bool:
-    """Write all of it, however long that takes; whether anybody takes it at all."""
+    """Write all of `data`, however long it takes; return whether it was accepted."""
     try:
         while data:
             data = data[os.write(descriptor, data[:PIECE]) :]
-    except OSError:  # nobody reads it any more, or its disk is full
+    except OSError:  # the reader is gone, or the disk is full
         return False
     return True
 
 
 def never_wait() -> None:
-    """Have what is printed from now on taken at once. Streams that are no descriptors (as in tests) stay as they are."""
+    """Make stdout and stderr non-blocking from now on. Leaves streams without a descriptor as they are."""
     for name, descriptor in (("stdout", 1), ("stderr", 2)):
         stream = getattr(sys, name)
         if _is_at(stream, descriptor):
             stream.flush()
-            unheld = NonblockingOutput(descriptor)
-            setattr(sys, name, _around(unheld, stream))
-            atexit.register(unheld.settle)
+            nonblocking = NonblockingOutput(descriptor)
+            setattr(sys, name, _around(nonblocking, stream))
+            atexit.register(nonblocking.settle)
 
 
 def _is_at(stream: IO[str], descriptor: int) -> bool:

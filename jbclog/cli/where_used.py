@@ -1,4 +1,4 @@
-"""`jbclog where-used`: the runs that stood on a tip that turned out bad."""
+"""`jbclog where-used`: the runs that used a tip which failed its verification."""
 
 from __future__ import annotations
 
@@ -9,34 +9,30 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from jbclog.cli.options import is_folder
-from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.options import NO_FOLDER, is_folder
+from jbclog.cli.output import echo_json, echo_table, note, reports_errors
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
     from jbclog.maintenance.verification import Suspect, Used
 
 LAST_GOOD = "LAST_GOOD"
+HEADS = ("started", "tips", "order", "units", "verdict", "run")
 
 
-@ends_with_errors_told
+@reports_errors
 def where_used(
-    folder: Path = typer.Argument(Path("runs"), metavar="DIR", help="The folder of runs."),
-    station: str = typer.Option(..., "--station", "-s", metavar="NAME", help="Which station.", show_default=False),
-    port: int | None = typer.Option(None, "--port", "-p", min=1, max=4, metavar="N", help="Only this port.", show_default=False),
-    tip: str | None = typer.Option(
-        None, metavar="ID", help="Only this tip; runs that do not say which tip they had are shown, too.", show_default=False
-    ),
-    since: str = typer.Option(
-        LAST_GOOD, metavar="TIME", help="Since then: a day or a time, UTC. Default: the last good verification."
-    ),
-    as_json: bool = typer.Option(False, "--json", help="One JSON object on stdout."),
+    folder: Path = typer.Argument(Path("runs"), metavar="DIR", help="Folder of runs."),
+    station: str = typer.Option(..., "--station", "-s", metavar="NAME", help="Station name.", show_default=False),
+    port: int | None = typer.Option(None, "--port", "-p", min=1, max=4, metavar="N", help="Port number.", show_default=False),
+    tip: str | None = typer.Option(None, metavar="ID", help="Tip; runs without a named tip are included.", show_default=False),
+    since: str = typer.Option(LAST_GOOD, metavar="TIME", help="Day or time, UTC; default: the last passed verification."),
+    as_json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
-    """Show the runs that used a tip since it was last good.
+    """List the runs that used a tip since its last pass.
 
-    The last verification that failed is the bad one. Every run that was on between the last that passed before it and the next
-    that passed after it is shown with its units, where they are known. Ends with 1 where a manifest, or the file of
-    verifications, cannot be read: the list may then miss some.
+    Starts from the last failed verification: lists every run between the pass before it and the pass after it, with its units
+    where they are known. Exit code 1: a manifest or the file of verifications cannot be read, so the list may be incomplete.
 
     \b
     Example:
@@ -45,16 +41,16 @@ def where_used(
     from jbclog.maintenance.verification import where_used as suspects
 
     if not is_folder(folder):
-        raise UsageError(f"{folder}: there is no such folder; runs are in `runs/`, or where --out put them")
+        raise UsageError(NO_FOLDER.format(folder))
     found = suspects(folder, station, port, tip, _moment(since))
     if as_json:
-        tell_json(facts(found))
+        echo_json(facts(found))
     else:
         note(found.why)
-        for used in found.runs:
-            tell(row(used))
-        if not found.runs:
-            note("no run")
+        if found.runs:
+            echo_table(HEADS, map(row, found.runs))
+        else:
+            note("no runs")
     for number, wrong in found.wrong:
         note(f"verifications.jsonl: line {number} {wrong}")
     for one in found.unreadable:
@@ -69,16 +65,16 @@ def _moment(text: str) -> datetime | None:
     return None if text == LAST_GOOD else moment("--since", text)
 
 
-def row(used: Used) -> str:
-    """A run on a line: when, ports with tips, order, units, verdict, folder."""
+def row(used: Used) -> tuple[str, ...]:
+    """Return a run as a row of `HEADS`."""
     places = ", ".join(f"port {port} {tip or '(tip not named)'}" for port, tip in zip(used.ports, used.tips, strict=True))
     units = f"{len(used.units)} units: {', '.join(used.units)}" if used.units else "units not known"
-    order = f"order {used.order}" if used.order else "no order"
-    return f"{(used.started or '-')[:16].replace('T', ' ')}  {places}  {order}  {units}  {used.verdict or '-'}  {used.folder}"
+    started = (used.started or "-")[:16].replace("T", " ")
+    return started, places, used.order or "no order", units, used.verdict or "-", str(used.folder)
 
 
 def facts(found: Suspect) -> dict[str, object]:
-    """As one JSON object; a run's folder is its key `run`."""
+    """Return the result as JSON data; `run` is a run's folder."""
     runs = [
         {"run": str(used.folder), **{key: value for key, value in asdict(used).items() if key != "folder"}} for used in found.runs
     ]

@@ -1,4 +1,4 @@
-"""`jbclog write`: one value by name, with what a write by hand owes its user."""
+"""`jbclog write`: write one setting by name."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.names import complete_setting, complete_station, complete_value
-from jbclog.cli.output import ends_with_errors_told, note, tell, tell_json
+from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.cli.streams import never_wait
 from jbclog.core.errors import UsageError
 
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
     from jbclog.session.manual.write import WriteRequest
 
 
-@ends_with_errors_told
+@reports_errors
 def write(
     station: str = options.STATION_NAMED,
     setting: str | None = typer.Argument(
-        None, metavar="SETTING", help="What to write, by name.", show_default=False, autocompletion=complete_setting
+        None, metavar="SETTING", help="Setting; without it, lists the names.", show_default=False, autocompletion=complete_setting
     ),
     value: str | None = typer.Argument(
         None,
         metavar="VALUE",
-        help="A number, a word, or off; nothing for an order.",
+        help="Number, word or off; none for an order.",
         show_default=False,
         autocompletion=complete_value,
     ),
@@ -39,7 +39,7 @@ def write(
         None,
         "--yes-i-mean",
         metavar="STATION",
-        help="The station's name again, required for dangerous settings.",
+        help="Station name again; required for dangerous settings.",
         show_default=False,
         autocompletion=complete_station,
     ),
@@ -47,35 +47,35 @@ def write(
         None,
         "--snapshot",
         metavar="FILE",
-        help="Where all settings are saved before a dangerous write. Default: STATION-settings-TIME.json in this folder.",
+        help="Backup before a dangerous write; default: STATION-settings-TIME.json.",
         show_default=False,
     ),
     as_json: bool = options.AS_JSON,
 ) -> None:
-    """Write one setting by its name and read it back.
+    """Write one setting by name and read it back.
 
-    Without a name, lists the names and what each takes. What cannot be undone needs --yes-i-mean and first saves all settings in a
-    file; restart and factory_reset need every tool at 60 °C or below. Refused while a run holds the station; the message names the
-    run. Exit code 3: refused or not confirmed; 5: a tool that was ordered to rest is not known to rest.
+    Without a name, lists the settings and their values. A dangerous setting requires --yes-i-mean, and all settings are saved to a
+    file first; restart and factory_reset require every tool at 60 °C or below. Refuses a station that a run holds, and names the
+    run. Exit code 3: refused or not confirmed; 5: an order to rest is not confirmed.
 
     \b
     Example:
       jbclog write dde-1 selected_temperature 350 --port 1 --line virtual/line.toml
     """
     from jbclog.app.connection import target_in
-    from jbclog.cli.values import tell_names
+    from jbclog.cli.values import print_names
     from jbclog.session.manual.contact import Place
     from jbclog.session.manual.names import writable
     from jbclog.session.manual.write import WriteRequest
 
     target = target_in(line, station)
     if yes_i_mean is not None and yes_i_mean != station:
-        raise UsageError(f"--yes-i-mean {yes_i_mean} is not {station}, the station that is to be written; nothing was sent")
+        raise UsageError(f"--yes-i-mean {yes_i_mean}: must be {station}, the station to write; nothing sent")
     if setting is None:
-        tell_names(target, writable, as_json=as_json)
+        print_names(target, writable, as_json=as_json)
         return
     if snapshot is not None and snapshot.exists():
-        raise UsageError(f"--snapshot {snapshot} is there already, and nothing is written over; nothing was sent")
+        raise UsageError(f"--snapshot {snapshot}: exists; nothing sent")
     change = WriteRequest(setting, value, Place(port, tool))
     _check(target, change, line, is_meant=yes_i_mean is not None)
     never_wait()
@@ -84,7 +84,7 @@ def write(
 
 
 def _check(target: Target, change: WriteRequest, line: Path, *, is_meant: bool) -> None:
-    """Everything that can be known to be wrong before a byte is sent. Raises `UsageError`."""
+    """Raise `UsageError` for every error that can be found before a byte is sent."""
     from jbclog.cli.values import call
     from jbclog.session.manual.contact import check_place
     from jbclog.session.manual.danger import is_dangerous, what_it_does
@@ -99,13 +99,13 @@ def _check(target: Target, change: WriteRequest, line: Path, *, is_meant: bool) 
         expect_one_port(command, change.place, ports)
     if is_dangerous(command.name, target.family) and not is_meant:
         raise UsageError(
-            f"{command.name} {what_it_does(command)}. Nothing was sent. To do it all the same: "
+            f"{command.name} {what_it_does(command)}. Nothing sent. To confirm: "
             f"{call('write', target, change, line)} --yes-i-mean {target.name}"
         )
 
 
 class _Writing:
-    """One write: done, told, and given its exit code."""
+    """One write: sends it, prints the result and returns its exit code."""
 
     def __init__(self, target: Target, change: WriteRequest, line: Path, snapshot: Path | None, *, as_json: bool) -> None:
         from jbclog.session.manual.write import WriteResult
@@ -124,16 +124,16 @@ class _Writing:
         from jbclog.session.manual.write import write_value
 
         if self._change.name == "run_condition":
-            note(f"note: the controller answers when the joint is done: this waits for that, up to {COMPLETION_S:g} s")
+            note(f"note: waiting up to {COMPLETION_S:g} s: the controller answers when the joint is done")
         steps = write_value(self._target, self._change, self._keep, self._written)
         try:
             ask(self._target, steps, may_write=True)
         except KeyboardInterrupt:
             if self._written.is_sent:
-                note("interrupted after it was sent, before it was read back:")
-                self._tell()
+                note("interrupted after the write was sent, before it was read back:")
+                self._print()
             raise
-        return self._tell()
+        return self._print()
 
     def _keep(self, snapshot: Snapshot) -> None:
         from jbclog.app.connection import keep_snapshot
@@ -141,19 +141,19 @@ class _Writing:
         self._kept = keep_snapshot(snapshot, self._change.name, self._snapshot)
         conditions = [str(one.condition) for one in snapshot.settings if one.condition is not None]
         if conditions and len(conditions) == len(snapshot.settings):
-            what = f"solder condition {', '.join(conditions)} of {snapshot.station} as it is now, and nothing else of it, is kept"
+            what = f"solder condition {', '.join(conditions)} of {snapshot.station}, and nothing else of it, saved"
         else:
-            what = f"the settings of {snapshot.station} as they are now ({len(snapshot.settings)}) are kept"
+            what = f"{len(snapshot.settings)} settings of {snapshot.station} saved"
         note(f"note: {what} in {self._kept}")
 
-    def _tell(self) -> int:
+    def _print(self) -> int:
         from jbclog.cli.values import exit_code, notes, result, written_facts
 
         written = self._written
         if self._as_json:
-            tell_json(written_facts(written, self._kept))
+            echo_json(written_facts(written, self._kept))
         elif written.is_fine:
-            tell(result(written))
+            echo(result(written))
         if not written.is_fine:
             note(f"error: {self._target.name}: {result(written)}")
         for text in notes(written, self._target, self._change, self._line):

@@ -51,7 +51,7 @@ def set_up(
     if os.path.realpath(served_line) == os.path.realpath(line.path):
         raise UsageError(f"{line.path} would be overwritten with the line file for the run; choose another folder")
     if served_line.exists() and not served_line.is_file():
-        raise UsageError(f"{served_line}: that is a folder, a pipe or a device, and the line file for the run belongs there")
+        raise UsageError(f"{served_line}: not a regular file (folder, pipe or device); the line file must be written there")
     now, waiter = monotonic(), Waiter()
     stations = stations or [virtual_station(station, now=now) for station in line.stations]
     links = _tcp_links(line, tcp, waiter) if tcp else _pty_links(line, folder.absolute(), waiter)

@@ -27,7 +27,7 @@ SHORTER = {
     "--duration 1m": "--duration 3s",
     "/dev/serial/by-id/ADAPTER": "$PWD/virtual/dde-1",
     'ack "$RUN" EPISODE': 'ack "$RUN" "$(jbclog alarms "$RUN" 2>&1 | sed -n \'s/.* ack [^ ]* \\([^ ]*\\) --by.*/\\1/p\')"',
-    "3f2a-91bc-77de-0a12-5c08-b6e1": '"$(jbclog check "$RUN" | sed -n \'s/.*(head \\(.*\\))$/\\1/p\')"',
+    "3f2a-91bc-77de-0a12-5c08-b6e1": '"$(jbclog check "$RUN" | sed -n \'s/.*(fingerprint \\(.*\\))$/\\1/p\')"',
 }
 """What a test types in place of the page's words: shorter times, and what stands for a name of the reader's."""
 
@@ -94,9 +94,9 @@ def follow(page: str, folder: Path, bin_folder: Path) -> tuple[list[str], subpro
 def test_the_first_run(bench: Path) -> None:
     failed, done = follow("tutorials/first-run.md", bench, bench / "bin")
     assert failed == ["1 run"], done.stderr  # three seconds show no tip at rest; the three minutes of the text do
-    assert "Line bench: 4 stations. No byte was sent." in done.stdout
+    assert "Line bench: 4 stations. No byte sent." in done.stdout
     assert "report.html\n" in done.stdout
-    assert ": everything agrees (head " in done.stdout
+    assert ": no differences (fingerprint " in done.stdout
     assert "already finished; nothing was changed." in done.stdout
     first, killed = sorted((bench / "runs").glob("*-bench-*"))
     assert killed.name in done.stdout
@@ -109,9 +109,9 @@ def test_the_first_station(bench: Path, tmp_path: Path) -> None:
     failed, done = follow("tutorials/first-station.md", tmp_path, bench / "bin")
     assert set(failed) <= {"1 doctor", "1 run"}, done.stderr  # of this machine's clock; of a tip still on its way
     assert load_line(tmp_path / "line.toml").stations[0].family == "dde"
-    assert "No byte was sent." in done.stdout
-    assert ": everything agrees (head " in done.stdout
-    assert "stands already" in done.stdout
+    assert "No byte sent." in done.stdout
+    assert ": no differences (fingerprint " in done.stdout
+    assert "already in stand" in done.stdout
 
 
 def test_the_first_batch(bench: Path, tmp_path: Path) -> None:

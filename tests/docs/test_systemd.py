@@ -1,16 +1,18 @@
-"""The systemd unit: its commands exist, and nothing in it works against the guard."""
+"""The units and schedules in profiles/: their commands exist, and nothing in the unit of a run works against the guard."""
 
 from __future__ import annotations
 
+import re
+import shlex
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
-from jbclog.app.audit.timers import HARDENED
 from jbclog.app.safe_state import DONE_S, GUARD_S, KILLED_S, TERM_S
 from jbclog.guard.supervisor import TAKEN_OVER_S
 from support.readers.command_line import wrong
-from support.readers.unit_file import UNIT, analyzed, command, exposed, unit
+from support.readers.unit_file import AUDIT, TIMER, UNIT, analyzed, command, exposed, unit
 
 
 @pytest.mark.parametrize(("key", "verb"), [("ExecStart", "run"), ("ExecStopPost", "safe")])
@@ -62,11 +64,6 @@ def test_systemd_finds_it_closed(tmp_path: Path) -> None:
     assert exposed(copy) is not None  # the threshold is one
 
 
-def test_it_may_do_no_more_than_the_printed_unit() -> None:
-    mine = {line for line in UNIT.read_text(encoding="utf-8").splitlines() if not line.startswith("#")}
-    assert {line for line in HARDENED.splitlines() if not line.startswith("#")} <= mine
-
-
 def test_serial_ports_and_its_own_folder_are_left_to_it() -> None:
     service = unit()["Service"]
     assert "PrivateDevices" not in service
@@ -75,3 +72,66 @@ def test_serial_ports_and_its_own_folder_are_left_to_it() -> None:
     state = Path("/var/lib", service["StateDirectory"])  # which systemd makes, and keeps writable
     places = (command("ExecStart")[-1], service["Environment"].partition("XDG_STATE_HOME=")[2])
     assert all(Path(place).is_relative_to(state) for place in places)
+
+
+# -- the audit from a timer ---------------------------------------------------------------------------------------------------
+
+PROFILES = UNIT.parents[1]
+CRON = PROFILES / "cron" / "jbclog-audit"
+TASK = PROFILES / "windows" / "jbclog-audit.xml"
+SPACE = "{http://schemas.microsoft.com/windows/2004/02/mit/task}"
+
+
+def cron_words() -> list[str]:
+    """The line of the cron file: five fields of time, the user, the command."""
+    (line,) = [line for line in CRON.read_text(encoding="utf-8").splitlines() if line[:1].isdigit()]
+    return line.split(" ")
+
+
+def task_text(name: str) -> str:
+    (found,) = ElementTree.fromstring(TASK.read_text(encoding="utf-8")).iter(SPACE + name)  # our own file
+    return found.text or ""
+
+
+def test_each_audit_command_exists() -> None:
+    assert wrong(command("ExecStart", AUDIT)[1:]) is None
+    assert wrong(cron_words()[7:]) is None
+    assert wrong(task_text("Arguments").replace("\\", "/").split()) is None
+
+
+def test_every_schedule_is_daily_at_an_hour_that_every_day_has_once() -> None:
+    minute, hour, *days = cron_words()[:5]
+    assert days == ["*", "*", "*"]
+    assert 4 <= int(hour) <= 22
+    assert unit(TIMER)["Timer"]["OnCalendar"] == f"*-*-* {int(hour):02}:{minute}:00"
+    assert task_text("StartBoundary").endswith(f"T{int(hour):02}:{minute}:00")
+
+
+def test_cron_cuts_no_command_at_a_percent_sign() -> None:
+    assert "%" not in " ".join(cron_words())
+
+
+def test_the_page_shows_the_line_of_the_cron_file() -> None:
+    page = UNIT.parents[2] / "docs" / "how-to" / "systemd.md"
+    assert " ".join(cron_words()) in page.read_text(encoding="utf-8")
+
+
+def test_systemd_accepts_the_audit_and_its_timer(tmp_path: Path) -> None:
+    program = Path("/bin/true").resolve()
+    service, timer = tmp_path / AUDIT.name, tmp_path / TIMER.name
+    service.write_text(AUDIT.read_text(encoding="utf-8").replace(command("ExecStart", AUDIT)[0], str(program)), encoding="utf-8")
+    timer.write_text(TIMER.read_text(encoding="utf-8"), encoding="utf-8")
+    done = analyzed("verify", "--man=no", service, timer)
+    assert [line for line in done.stderr.splitlines() if AUDIT.stem in line] == []
+    assert analyzed("calendar", unit(TIMER)["Timer"]["OnCalendar"]).returncode == 0
+    assert exposed(service) is None
+
+
+def test_the_audit_may_do_no_more_than_a_run_and_writes_into_one_folder() -> None:
+    closed = {line for line in AUDIT.read_text(encoding="utf-8").splitlines() if re.match(r"(?!ProtectHome)[A-Z]\w+=", line)}
+    closed = {line for line in closed if line.startswith(("Protect", "Restrict", "System", "Capab", "Device", "NoNew", "Lock"))}
+    assert closed <= {*UNIT.read_text(encoding="utf-8").splitlines()}
+    assert len(closed) > 15
+    words = shlex.split(unit(AUDIT)["Service"]["ExecStart"])
+    state = Path("/var/lib", unit(AUDIT)["Service"]["StateDirectory"])
+    assert all(Path(words[words.index(option) + 1]).is_relative_to(state) for option in ("--ledger", "--html", "--runs"))

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from jbclog.app.run.plan import Plan, RunOptions, make_plan
 from jbclog.cli.app import app
-from jbclog.cli.progress import Worth
+from jbclog.cli.progress import EventFilter
 from jbclog.config.line import parse_line
 from jbclog.config.load_recipe import parse_recipe
 from jbclog.core.clock import UtcOffset, VirtualClock
@@ -178,7 +178,7 @@ def test_what_was_taken_is_told_when_a_station_is_ready_and_shown() -> None:
     run = prepare(slow(1.0), AUTO, duration_s=2).go()
     assert ready(run).endswith(", sampled at 5 Hz (auto: a fifth of its link stays free).")
     (event,) = run.memory.of_kind("station.ready")
-    assert Worth().telling(event)
+    assert EventFilter().passes(event)
     assert "sampled at 9 Hz (fit: the best rate that fits)" in ready(prepare(slow(3.0), AUTO, duration_s=2, rate="fit").go())
     assert "sampled at" not in ready(prepare(slow(1.0), AUTO, duration_s=2, rate=2).go())
 

@@ -1,4 +1,4 @@
-"""A recorded run served as virtual stations and recorded again: the same decoded tables, by sessions that know nothing of it.
+"""A recorded run served as virtual stations and recorded again: decoded tables are equal, by sessions that know nothing of it.
 
 On a virtual clock, where a host's haste is a number: each answer comes up to so much before or after its moment. On a real
 host that is some tenths of a millisecond, and a replay so many times as fast has so many times that.

@@ -269,7 +269,7 @@ def test_the_ledger_is_shared_with_maintenance(bench: Bench, tmp_path: Path) -> 
     assert audit(bench.line, ledger).exit_code == 0
     told = CliRunner().invoke(app, [*done, "--ledger", str(ledger)])
     assert (told.exit_code, told.stderr) == (0, "")
-    assert "dde-1 port 1  tip-change  T-17  by A. Rossi  kept as line 4" in told.stdout
+    assert "dde-1 port 1  tip-change  A. Rossi  T-17  (line 4" in told.stdout
     assert audit(bench.line, ledger).exit_code == 0
     assert read_book(ledger).wrong == []
 
@@ -277,13 +277,13 @@ def test_the_ledger_is_shared_with_maintenance(bench: Bench, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("option", "file", "says"),
     [
-        ("--csv", "counters.jsonl", "which it would take the place of"),
-        ("--html", "bench/../counters.jsonl", "which it would take the place of"),
-        ("--csv", "line.toml", "which it would take the place of"),
-        ("--csv", "-", "--json writes everything to stdout"),
-        ("--html", "to_null", "a device or a link"),
-        ("--html", "bench", "a folder"),
-        ("--html", "gone/a.html", "there is no folder"),
+        ("--csv", "counters.jsonl", "would overwrite"),
+        ("--html", "bench/../counters.jsonl", "would overwrite"),
+        ("--csv", "line.toml", "would overwrite"),
+        ("--csv", "-", "--json writes to stdout"),
+        ("--html", "to_null", "device or link"),
+        ("--html", "bench", "folder"),
+        ("--html", "gone/a.html", "no such folder"),
     ],
 )
 def test_nothing_but_a_page_is_written_over(
@@ -339,7 +339,7 @@ def test_what_runs_saw_since_last_time_counts_once(bench: Bench, tmp_path: Path,
     _a_verification(out)
     ended = audit(bench.line, ledger, "--runs", out, "--tasks", tasks)
     assert (ended.exit_code, ended.stderr) == (0, "")
-    assert "since last time, as runs saw: 1 port.error" in ended.stdout
+    assert "since the last audit, from runs: 1 port.error" in ended.stdout
     assert f"port 1 verified by W, PASS: line 1 of {out / 'verifications.jsonl'}" in ended.stdout
     assert observed(ledger)["dde-1"].errors.events == {"port.error": 1}
     assert observed(ledger)["ucr-1"].errors.events is None

@@ -12,12 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app.audit.timers import Timed, service_text
 from jbclog.record.check import check
 from jbclog.record.manifest import read_manifest
 from support import program
 from support.command import RECIPE, WireLog, is_sampling, until
-from support.readers.unit_file import UNIT
+from support.readers.unit_file import AUDIT, UNIT
 
 Confine = Callable[..., list[str]]
 JBCLOG = ("-c", "from jbclog.cli import main; main()")
@@ -83,11 +82,10 @@ def test_the_unit_lets_a_run_be_recorded_and_sealed_and_the_line_be_made_safe(be
     assert safe.returncode == 0, safe.stderr
 
 
-def test_the_printed_unit_lets_an_audit_be_made(bench: tuple[Path, WireLog], state: Path, tmp_path: Path) -> None:
+def test_the_unit_lets_an_audit_be_made(bench: tuple[Path, WireLog], state: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     line, _ = bench
-    unit = tmp_path / "audit.service"
-    unit.write_text(service_text(Timed("jbclog", (), (str(state),), "root")), encoding="utf-8")
+    monkeypatch.setenv("MPLCONFIGDIR", str(state / "matplotlib"))  # as the unit sets it
     files = ("--ledger", state / "counters.jsonl", "--html", state / "page.html", "--csv", state / "all.csv")
-    done = output(under(unit, state, *JBCLOG, "audit", "--line", line, *files))
+    done = output(under(AUDIT, state, *JBCLOG, "audit", "--line", line, *files))
     assert done.returncode == 0, done.stderr
-    assert sorted(path.name for path in state.iterdir()) == ["all.csv", "counters.jsonl", "page.html"]
+    assert sorted(path.name for path in state.iterdir()) == ["all.csv", "counters.jsonl", "matplotlib", "page.html"]

@@ -1,4 +1,4 @@
-"""A recorded run served again on pseudo-terminals: the same decoded tables."""
+"""A recorded run served again on pseudo-terminals: decoded tables are equal."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def test_lived_through_again_the_tables_are_the_same(original: Path, tmp_path: P
     counted, same = ended.stderr.splitlines()
     samples = len(open_run(original).samples())
     assert counted.startswith(f"compared: {samples} of {samples} rows of samples, ")
-    assert same == "the same decoded tables"
+    assert same == "decoded tables are equal"
     assert check(again) == []
     before, after = open_run(original).samples(), open_run(again).samples()
     pd.testing.assert_frame_equal(before.drop(columns="time"), after.drop(columns="time"))

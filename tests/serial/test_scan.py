@@ -56,7 +56,7 @@ def test_a_file_that_is_there_is_kept_and_nothing_is_sent(bench: Bench, tmp_path
     file.write_text("mine")
     scan = jbclog("scan", *urls(line), "--write", file)
     assert (scan.returncode, scan.stdout) == (2, "")
-    assert "is there already" in scan.stderr
+    assert "exists; give another name" in scan.stderr
     assert file.read_text() == "mine"
     assert not any(wire.questions(name) for name in NAMES)
     assert jbclog("scan", urls(line)[0], "--write", file, "--force").returncode == 0
@@ -66,8 +66,8 @@ def test_a_file_that_is_there_is_kept_and_nothing_is_sent(bench: Bench, tmp_path
 @pytest.mark.parametrize(
     ("arguments", "why"),
     [
-        (("/dev/null", "--addresses", "0-5"), "give addresses from 1 to 99"),
-        (("/dev/null", "--write", "no/such/folder/line.toml"), "there is no folder"),
+        (("/dev/null", "--addresses", "0-5"), "must be 1 to 99"),
+        (("/dev/null", "--write", "no/such/folder/line.toml"), "no such folder"),
         (("/dev/null", "--seconds", "0"), "'--seconds'"),
     ],
 )
@@ -148,7 +148,7 @@ def test_no_usb_port_is_said_with_what_to_do(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr("jbclog.transport.system_ports.list_ports.comports", list)
     said = CliRunner().invoke(app, ["scan"])
     assert said.exit_code == 1
-    assert said.stdout.startswith("this computer has no USB serial port: plug the adapter in")
+    assert said.stdout.startswith("no USB serial port found: plug the adapter in")
 
 
 # -- what is no station -----------------------------------------------------------------------------------------------------

@@ -35,7 +35,7 @@ def test_disarmed_text_is_one_line_that_shows_all_of_itself(text: str) -> None:
 @given(st.lists(HOSTILE, min_size=1, max_size=5))
 def test_one_finding_is_one_line_of_the_terminal(texts: list[str]) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        for name, speaks in (("stdout", output.tell), ("stderr", output.note)):
+        for name, speaks in (("stdout", output.echo), ("stderr", output.note)):
             out = io.StringIO()
             patch.setattr(f"sys.{name}", out)
             speaks(*(f"{text}: finding" for text in texts))
@@ -66,7 +66,7 @@ def sealed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_file_s_name_makes_no_line_of_a_check(sealed: Path, tmp_path: Path, end: str) -> None:
     run = tmp_path / sealed.name
     shutil.copytree(sealed, run)
-    (run / f"x{end}{run.name}: everything agrees (head 0000-0000-0000-0000)").touch()
+    (run / f"x{end}{run.name}: no differences (fingerprint 0000-0000-0000-0000)").touch()
     ended = CliRunner().invoke(app, ["check", str(run)])
     assert len(ended.output.splitlines()) == len(check(run)) + 1
     assert [line for line in ended.output.splitlines() if line.startswith(run.name)] == []

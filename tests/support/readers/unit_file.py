@@ -1,4 +1,4 @@
-"""The systemd unit in profiles/, taken apart, and what systemd itself says of units."""
+"""The systemd units in profiles/, taken apart, and what systemd itself says of units."""
 
 from __future__ import annotations
 
@@ -10,20 +10,23 @@ from pathlib import Path
 
 import pytest
 
-UNIT = Path(__file__).parents[3] / "profiles" / "systemd" / "jbclog@.service"
+SYSTEMD = Path(__file__).parents[3] / "profiles" / "systemd"
+UNIT = SYSTEMD / "jbclog@.service"
+AUDIT = SYSTEMD / "jbclog-audit.service"
+TIMER = SYSTEMD / "jbclog-audit.timer"
 
 
-def unit() -> configparser.ConfigParser:
+def unit(path: Path = UNIT) -> configparser.ConfigParser:
     """Sections and keys, as systemd reads them: case counts. Of a key that is there several times the last."""
     parser = configparser.ConfigParser(interpolation=None, strict=False, delimiters=("=",), comment_prefixes=("#",))
     parser.optionxform = str  # type: ignore[assignment,method-assign]  # keep the keys as they are
-    parser.read_string(UNIT.read_text(encoding="utf-8"))
+    parser.read_string(path.read_text(encoding="utf-8"))
     return parser
 
 
-def command(key: str) -> list[str]:
+def command(key: str, path: Path = UNIT) -> list[str]:
     """The words of one of its commands, its program first."""
-    return shlex.split(unit()["Service"][key])
+    return shlex.split(unit(path)["Service"][key])
 
 
 def analyzed(*words: str | Path) -> subprocess.CompletedProcess[str]:

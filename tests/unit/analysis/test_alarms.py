@@ -170,7 +170,7 @@ def test_acknowledging_with_a_name_and_a_reason(tmp_path: Path) -> None:
     assert (shown.code, shown.err) == (0, "")
     assert "Acknowledged by A. Rossi at " in shown.out
     assert "; one in " not in shown.out  # one alarm gives no mean time between alarms
-    assert "; 1 acknowledged, half of them within " in shown.out
+    assert "; 1 acknowledged, 50 % within " in shown.out
     facts = json.loads(jbclog("alarms", folder, "--json").out)["figures"]
     waited = open_run(folder).alarms().set_index("detector").loc["B"]
     seconds = (waited["acknowledged_at"] - waited["raised"]).total_seconds()
@@ -185,12 +185,12 @@ def test_acknowledging_with_a_name_and_a_reason(tmp_path: Path) -> None:
     ("words", "said"),
     [
         (("ack", "RUN", "B-high-x", "--by", "A", "--reason", "B"), "has no such episode"),
-        (("ack", "RUN", "B-high-x", "--by", "A"), "--reason is needed"),
-        (("ack", "RUN", "B-high-x", "--by", " ", "--reason", "B"), "--by is needed"),
+        (("ack", "RUN", "B-high-x", "--by", "A"), "--reason is required"),
+        (("ack", "RUN", "B-high-x", "--by", " ", "--reason", "B"), "--by is required"),
         (("ack", "RUN", "--by", "A", "--reason", "B"), "give RUN, or ack RUN EPISODE"),
         (("RUN", "RUN"), "give RUN, or ack RUN EPISODE"),
         (("RUN", "--by", "A"), "belong to `alarms ack"),
-        (("nowhere",), "there is no such folder"),
+        (("nowhere",), "no such folder"),
     ],
 )
 def test_wrong_usage(hot: Path, words: tuple[str, ...], said: str) -> None:

@@ -115,7 +115,7 @@ def test_limits_are_learnt_kept_and_cited(home: Path, dwells: list[float], tmp_p
     assert isinstance(chart, spc.Chart)
     assert (document["limits"][0]["upper"], document["limits"][0]["distribution"]) == (chart.upper[0], "lognormal")
     again = call("limits", "learn", home, "-m", "dwell_s", "--out", file)
-    assert (again.exit_code, "is there already" in again.stderr) == (2, True)
+    assert (again.exit_code, "exists; charts cite" in again.stderr) == (2, True)
     dwells[:] = [value * 4 for value in dwells]  # later, everything takes four times as long: no signal by its own limits
     later = json.loads(call("chart", home, "-m", "dwell_s", "--limits", file, "--json").stdout)
     assert later["limits_sha256"] == sha256
@@ -237,9 +237,9 @@ def test_rejects_by_day(tmp_path: Path) -> None:
         (("-m", "dwel_s"), "did you mean dwell_s"),
         (("-k", "u"), "--kind u"),
         (("-m", "alarms", "-k", "imr"), "--kind imr"),
-        (("-m", "rejects"), "give the folder of runs"),
+        (("-m", "rejects"), "give a folder of runs"),
         (("-m", "alarms", "--every", "x"), "--every x"),
-        (("-m", "alarms", "--upper", "3"), "counted"),
+        (("-m", "alarms", "--upper", "3"), "are counts"),
         (("--plot", "x.exe"), ".png"),
         (("--lower", "5", "--upper", "5"), "not below"),
     ],

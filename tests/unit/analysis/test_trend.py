@@ -155,7 +155,7 @@ def test_json_has_points_chart_and_refusals(home: Path) -> None:
 
 
 def test_filters_leave_runs_out(home: Path) -> None:
-    assert "no run gives" in trend(home, "--order", "none").stderr
+    assert "no run has" in trend(home, "--order", "none").stderr
     assert json.loads(trend(home, "--json", "--since", "2026-09-22").stdout)["runs"] == 14
     assert json.loads(trend(home, "--json", "--port", "2").stdout)["trends"] == []
 

@@ -35,7 +35,7 @@ def test_a_machine_where_everything_is_fine(place: Path) -> None:
     code, lines = said()
     assert code == 0
     assert [line[:8] for line in lines[:-1]] == ["fine    "] * 3
-    assert lines[2:] == ["fine     USB: no USB serial port is connected", "everything is fine"]
+    assert lines[2:] == ["fine     USB: no USB serial port is connected", "no findings"]
     assert sorted(path.name for path in place.iterdir()) == ["line.toml"]
 
 

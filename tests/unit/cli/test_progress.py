@@ -63,7 +63,7 @@ def test_a_station_that_has_ended_shows_how(monkeypatch: pytest.MonkeyPatch, out
 def test_a_station_that_is_away(monkeypatch: pytest.MonkeyPatch) -> None:
     away = context()
     away.connected = False
-    assert [row[2:5:2] + row[6:] for row in rows(monkeypatch, away)] == [["unknown", "unknown", "away"]] * 2
+    assert [row[2:5:2] + row[6:] for row in rows(monkeypatch, away)] == [["unknown", "unknown", "disconnected"]] * 2
 
 
 def test_events_are_broken_between_words(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

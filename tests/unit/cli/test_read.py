@@ -163,7 +163,7 @@ def test_all_of_it_leaves_alone_what_reading_clears(make: Make) -> None:
     assert "tip_temperature of port 2 " in ended.out
     assert "adjust of port 2, tool 1 " in ended.out
     assert not [text for text in bench.wires["dde-1"].texts if text.startswith("RTA")]
-    assert ended.err == "note: read only by name: alarm_flags (reading clears it)\n"
+    assert ended.err == "note: read these by name: alarm_flags (reading clears it)\n"
 
 
 def test_reading_alarm_flags_clears_them_and_says_so(make: Make) -> None:
@@ -174,7 +174,7 @@ def test_reading_alarm_flags_clears_them_and_says_so(make: Make) -> None:
     bench.wait(40)
     ended = bench.do("read", "dde-1", "alarm_flags", "--port", "1")
     assert ended.out == "high\n"
-    assert ended.err == "note: reading alarm_flags has cleared it in the station\n"
+    assert ended.err == "note: reading alarm_flags cleared it in the station\n"
     assert [text for text in bench.wires["dde-1"].texts if text.startswith("RTA")] == ["RTA1"]  # once: it is never asked twice
 
 
@@ -220,7 +220,7 @@ def test_nobody_there_says_what_to_look_at(make: Make) -> None:
 def test_a_stranger_is_read_with_a_note(make: Make) -> None:
     ended = make(dde('model = "NAE"')).do("read", "dde-1", "station_error")
     assert (ended.code, ended.out) == (0, "0: ok\n")
-    assert "the line file says family dde, the station says model NAE; it is read by the tables of dde" in ended.err
+    assert "the line file says family dde, the station says model NAE; read by the tables of dde" in ended.err
 
 
 def test_the_family_may_be_learnt(make: Make) -> None:
@@ -248,9 +248,9 @@ def test_the_family_may_be_learnt(make: Make) -> None:
         (("dde-1", "power", "--tool", "1"), "power belongs to no tool: leave --tool out"),
         (("dde-1", "adjust", "--tool", "0"), "no command has a place for tool 0; 1 to 9. Manual 002 prints 1 T210; 2 T245"),
         (("dde-1", "power", "--condition", "101"), "power belongs to no solder condition: leave --condition out"),
-        (("dde-1", "--port", "1"), "--port, --tool and --condition want a name, or --all"),
-        (("dde-1", "--all", "--port", "1"), "--all reads every port, and the tools connected"),
-        (("dde-1", "power", "--all"), "--all reads everything: leave 'power' or --all out"),
+        (("dde-1", "--port", "1"), "--port, --tool and --condition require a name"),
+        (("dde-1", "--all", "--port", "1"), "--all reads every port and the connected tools"),
+        (("dde-1", "power", "--all"), "give 'power' or --all, not both"),
         (("dde-2", "power"), "line.toml has no station 'dde-2'; did you mean dde-1? It has dde-1, x"),
         (("x", "frobnicate"), "no station knows 'frobnicate'"),
     ],
@@ -288,7 +288,8 @@ def test_without_a_name_the_names_are_listed(make: Make) -> None:
     bench = make(dde())
     ended = bench.do("read", "dde-1")
     assert ended.code == 0
-    lines = ended.out.splitlines()
+    heads, *lines = ended.out.splitlines()
+    assert heads.split() == ["name", "unit", "scope", "values", "manual"]
     assert [line.split()[0] for line in lines] == [
         command.name for command in FAMILIES["dde"].commands.values() if command.readable
     ]
@@ -320,7 +321,7 @@ def test_help_lists_every_name_of_every_family(verb: str) -> None:
     assert names <= words
     assert set(FAMILIES) <= words
     dangerous = {name for family in FAMILIES.values() for name, command in family.commands.items() if command.dangerous}
-    behind = set(told.partition("Dangerous, and done only with --yes-i-mean STATION:")[2].split())
+    behind = set(told.partition("Dangerous, require --yes-i-mean STATION:")[2].split())
     assert behind == (dangerous if verb == "write" else set())
 
 

@@ -44,9 +44,9 @@ def test_each_tool_is_told_to_stand_and_read_back(make: Make) -> None:
     ended = bench.do("safe")
     assert ended.code == 0
     assert ended.out.splitlines() == [
-        f"dme-1 port 1 ({T245}): told to stand, 350 °C, sleeps in 5 min",
-        f"dme-1 port 2 ({T210}): told to stand, 350 °C, sleeps in 5 min",
-        f"dme-1 port 4 ({T245}): told to stand, 350 °C, sleeps in 5 min",
+        f"dme-1 port 1 ({T245}): set to stand, 350 °C, sleeps in 5 min",
+        f"dme-1 port 2 ({T210}): set to stand, 350 °C, sleeps in 5 min",
+        f"dme-1 port 4 ({T245}): set to stand, 350 °C, sleeps in 5 min",
         "dme-1 port 3: no tool",
     ]
     assert writes(bench, "dme-1") == [STAND, "WPS200001", "WPS400001"]
@@ -60,7 +60,7 @@ def test_no_temperature_is_told_that_one_answer_alone_says_or_that_cannot_be(mak
     says(bench, "dde-1", "TT1", "04033", last=last)
     told = bench.do("safe").out
     assert "4033" not in told
-    assert f"told to stand{now}, sleeps in 5 min\n" in told
+    assert f"set to stand{now}, sleeps in 5 min\n" in told
 
 
 def test_the_feeder_is_stopped_first(make: Make) -> None:
@@ -77,9 +77,9 @@ def test_the_feeder_is_stopped_first(make: Make) -> None:
 @pytest.mark.parametrize(
     ("seconds", "state"),
     [
-        (60, "stands already, 350 °C, sleeps in 4 min"),
-        (360, "sleeps already, 150 °C, hibernates in 29 min"),
-        (3600, "hibernates already, 23 °C, its heater is off"),
+        (60, "already in stand, 350 °C, sleeps in 4 min"),
+        (360, "already asleep, 150 °C, hibernates in 29 min"),
+        (3600, "already in hibernation, 23 °C, its heater is off"),
     ],
 )
 def test_a_tool_that_rests_already_is_not_woken(make: Make, seconds: float, state: str) -> None:
@@ -106,13 +106,13 @@ def test_an_extractor_state_is_left_alone_where_the_tip_cools(make: Make, cools:
 
 @pytest.mark.parametrize("delay", ["5", '"off"'])
 def test_a_cold_tool_in_its_extractor_state_is_not_heated(make: Make, delay: str) -> None:
-    """Of no family: told to stand, it would be. Delays that are off keep no tool hot that does not stand."""
+    """Of no family: set to stand, it would be. Delays that are off keep no tool hot that does not stand."""
     bench = make(station_text("dde-1", "dde", sim=f"tools = {{1 = 2, 2 = 0}}\nsettings = {{sleep_delay = {delay}}}"))
     bench.wires["dde-1"].station.plant.ports[1].order(WORKING, True)  # type: ignore[union-attr]
     bench.wait(3600)
     ended = bench.do("safe")
     assert (ended.code, ended.err, writes(bench, "dde-1")) == (0, "", [])
-    assert f"port 1 ({T245}): in its extractor state already, 23 °C, seen cold or cooling\n" in ended.out
+    assert f"port 1 ({T245}): already in extractor, 23 °C, cold or cooling\n" in ended.out
 
 
 def test_hot_air_is_told_to_cool(make: Make) -> None:
@@ -149,7 +149,7 @@ def test_a_tool_that_stands_and_never_cools_is_not_safe(make: Make, delays: str,
     ended = bench.do("safe")
     assert writes(bench, "dde-1") == [STAND]
     assert ended.code == 5
-    assert f"port 1 ({T245}): NOT SAFE, told to stand, " in ended.out
+    assert f"port 1 ({T245}): NOT SAFE, set to stand, " in ended.out
     what = "hibernate" if off.startswith("hibernation") else "sleep"
     assert f"will not {what} by itself, its delay is off\n" in ended.out
     assert f"error: dde-1 port 1: its {off} off, so it never cools down: switch the station off" in ended.err
@@ -180,7 +180,7 @@ def test_an_omega_takes_no_such_order(make: Make) -> None:
     ended = bench.do("safe")
     assert (ended.code, writes(bench, "omega-1")) == (5, [])
     assert "has no safe state, it takes no order that would make it safe: stop it at its own panel" in ended.err
-    assert ended.out == "omega-1: NOT SAFE, it has no safe state, temperature not known\n"
+    assert ended.out == "omega-1: NOT SAFE, no safe state, temperature not known\n"
 
 
 def test_robot_mode_that_is_off_is_said(make: Make) -> None:
@@ -248,16 +248,16 @@ def test_each_family_says_what_is_known_of_its_tool(make: Make, family: str, too
     bench.wait(30)
     ended = bench.do("safe")
     (told,) = (text for text in ended.out.splitlines() if "port 1 (" in text)
-    assert (ended.code, told.partition("): ")[2]) == (0, "told to stand, 350 °C, sleeps in 5 min")
+    assert (ended.code, told.partition("): ")[2]) == (0, "set to stand, 350 °C, sleeps in 5 min")
 
 
 @pytest.mark.parametrize(
     ("order", "first", "last"),
     [
-        ("on", "told to cool", "its heater is off"),
-        ("on+suction", "told to cool", "its heater is off, suction on"),
-        ("cooling", "cooling already", "its heater is off"),
-        ("off", "off already", "its heater is off"),
+        ("on", "set to cool", "its heater is off"),
+        ("on+suction", "set to cool", "its heater is off, suction on"),
+        ("cooling", "already in cooling", "its heater is off"),
+        ("off", "already in off", "its heater is off"),
     ],
 )
 def test_hot_air_says_that_its_heater_is_off(make: Make, order: str, first: str, last: str) -> None:
@@ -368,7 +368,7 @@ def test_a_limit_without_waiting_is_refused_before_anything_is_sent(make: Make) 
     bench = make(safe_text("dde-1", "dde"))
     ended = bench.do("safe", "--below", "80")
     assert (ended.code, bench.wires["dde-1"].heard) == (2, [])
-    assert "--below needs --wait" in ended.err
+    assert "--below requires --wait" in ended.err
 
 
 def test_json_tells_what_follows(make: Make) -> None:
@@ -376,4 +376,4 @@ def test_json_tells_what_follows(make: Make) -> None:
     bench.wait(30)
     (tool,) = json.loads(bench.do("safe", "--json").out)["stations"][0]["tools"]
     assert (tool["told"], tool["next"], tool["next_in_s"], tool["never"], tool["cold"]) == ("stand", "sleep", 300, [], None)
-    assert tool["text"] == "told to stand, 350 °C, sleeps in 5 min"
+    assert tool["text"] == "set to stand, 350 °C, sleeps in 5 min"

@@ -31,7 +31,7 @@ def test_addresses_come_behind_the_usual_ones(text: str | None, found: tuple[int
 
 @pytest.mark.parametrize("text", ["0", "100", "5-3", "a", "1-", "1,,2", "-1", "1-100"])
 def test_addresses_that_there_are_not(text: str) -> None:
-    with pytest.raises(UsageError, match="give addresses from 1 to 99"):
+    with pytest.raises(UsageError, match="must be 1 to 99"):
         _addresses(text)
 
 
@@ -74,9 +74,9 @@ def test_a_station_is_told_in_a_few_lines_and_everything_that_was_sent(monkeypat
         "  Robot mode  not known until the first write",
         "  software    1.00a",
         "  ports       1 TRA245/TRA470",
-        "  turnaround  2.00 ms median, 2.00 ms at worst",
+        "  response    2.00 ms median, 2.00 ms 99th percentile",
     ]
-    assert f"Sent {len(cable.asked)} questions and nothing else; nothing was written or cleared:" in text
+    assert f"Sent {len(cable.asked)} queries; wrote and cleared nothing:" in text
     assert "     2 × model, to address 01, at 19200 8N1: 02 30 30 30 31 52 53 4d 4e 03 02" in text
 
 
@@ -116,7 +116,7 @@ def test_a_line_file_is_not_written_where_there_is_nothing_to_run(monkeypatch: p
     code, text = said(monkeypatch, {"/dev/ttyUSB0": station_cable("dde", sim="robot_mode = false")}, "--write", str(file))
     assert code == 1
     assert not file.exists()
-    assert f"not written: {file}; there is no station that a run could begin with" in text
+    assert f"not written: {file}; no station that jbclog can drive" in text
 
 
 def test_a_model_that_no_table_has_is_a_line_to_be_completed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -124,4 +124,4 @@ def test_a_model_that_no_table_has_is_a_line_to_be_completed(monkeypatch: pytest
     _, text = said(monkeypatch, {"/dev/ttyUSB0": station_cable("dde", sim='model = "DIE"')}, "--write", str(file))
     assert '# model = "DIE"' in file.read_text()
     assert '# family = "..."' in file.read_text()
-    assert "without a station yet: name the family in it, and take away the # before its lines." in text
+    assert "no station active yet: enter the family and remove the # before its lines." in text

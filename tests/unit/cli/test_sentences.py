@@ -37,7 +37,7 @@ def test_a_value_is_shown_as_it_is_written(place: Path) -> None:
         "error: job.toml:6: alarm.high.limit_c: 9999 °C is not allowed; steps of 5 °C",
         'error: job.toml:7: alarm.high.delay_s: 1.333 s is not allowed; 0 to 99.99 s, in steps of 0.01, or "off"',
         'error: job.toml:9: sleep.delay_min: 10 min is not allowed; 0 to 9 min, in steps of 1, or "off"',
-        "3 problems; nothing was sent.",
+        "3 problems; nothing sent",
     ]
 
 

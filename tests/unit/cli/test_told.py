@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from jbclog.analysis.verdict import Result, Rule
 from jbclog.cli.output import wrapped
-from jbclog.cli.run_wording import reasons_told
+from jbclog.cli.run import verdict_reasons
 from jbclog.core.outcome import Exit, RunFinding, in_order, tools_text
 from support.records.sealed_run import station
 
@@ -44,7 +44,7 @@ def test_equal_reasons_stand_once_the_gravest_first() -> None:
         rule("record", (None, None), Result.MISSING, "The record is not whole."),
         rule("coverage", ("dde-1", 2), Result.FAIL, "90 % are there."),
     ]
-    assert reasons_told(rules) == [
+    assert verdict_reasons(rules) == [
         "fail: dde-1 port 2: 90 % are there. (coverage)",
         f"missing: dde-1 ports 1, 2; ucr-1 port 1: {unseen} (a, b)",
         "missing: The record is not whole. (record)",

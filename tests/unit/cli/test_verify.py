@@ -96,7 +96,7 @@ def test_a_port_without_a_tool_and_one_that_is_not_there_are_refused(make: Make)
 def test_a_display_that_was_read_is_enough_and_the_station_is_not_asked(bench: Bench) -> None:
     ended = verified(bench, "349", "--station-c", "350")
     assert (ended.code, bench.wires["dde-1"].heard) == (0, [])
-    assert "read off its display" in ended.out
+    assert "from its display" in ended.out
 
 
 def test_an_instrument_past_its_due_date_makes_it_invalid(bench: Bench) -> None:

@@ -39,10 +39,10 @@ def refused(*arguments: str) -> str:
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("A.\udcff", "holds bytes that are no text in this system's encoding"),
-        ("A.\x1b[2J", "holds the hidden or control character U+001B"),
-        ("A.\u202eissoR", "holds the hidden or control character U+202E"),
-        ("A" * 201, "201 characters; at most 200 are kept"),
+        ("A.\udcff", "bytes that are not text in this system's encoding"),
+        ("A.\x1b[2J", "hidden or control character U+001B"),
+        ("A.\u202eissoR", "hidden or control character U+202E"),
+        ("A" * 201, "201 characters, at most 200"),
     ],
 )
 def test_texts_that_cannot_be_signed(place: Path, option: str, text: str, why: str) -> None:
@@ -82,7 +82,7 @@ def test_what_the_recipe_requires_is_asked_for_by_its_option(place: Path) -> Non
 
 @pytest.mark.parametrize(
     ("text", "why"),
-    [(b"SN-1\nSN\x1d2\n", "holds what does not show"), (b"X" * 201, "too long"), (b"SN\n" * 400_000, "not a list of serials")],
+    [(b"SN-1\nSN\x1d2\n", "hidden characters"), (b"X" * 201, "too long"), (b"SN\n" * 400_000, "not a list of serials")],
 )
 def test_a_list_of_serials_that_is_none(place: Path, text: bytes, why: str) -> None:
     (place / "serials.txt").write_bytes(text)
@@ -135,7 +135,7 @@ def test_virtual_stations_need_a_folder(place: Path, folder: str, why: str) -> N
 
 
 def test_virtual_stations_need_a_log_that_can_be_written(place: Path) -> None:
-    assert refused("sim", "line.toml", "--log", "no/log") == "error: --log no/log: cannot be written (No such file or directory)\n"
+    assert refused("sim", "line.toml", "--log", "no/log") == "error: --log no/log: cannot write: No such file or directory\n"
 
 
 def test_virtual_stations_need_a_free_port(place: Path) -> None:
@@ -145,7 +145,7 @@ def test_virtual_stations_need_a_free_port(place: Path) -> None:
 
 @pytest.mark.parametrize("verb", [("check",), ("report",), ("report", "--verify"), ("check", "--json")])
 def test_a_folder_that_is_no_runs(place: Path, verb: tuple[str, ...]) -> None:
-    for folder, why in (("nope", "there is no such folder"), (".", "is no run's folder"), ("job.toml", "there is no such folder")):
+    for folder, why in (("nope", "no such folder"), (".", "not a run"), ("job.toml", "no such folder")):
         ended = CliRunner().invoke(app, [*verb, folder])
         assert ended.exit_code == 2
         assert why in ended.stderr
@@ -159,7 +159,7 @@ def test_a_run_that_was_cut_off_at_its_very_start(place: Path, verb: tuple[str, 
     for folder in (run.name, "."):
         ended = CliRunner().invoke(app, [*verb, folder])
         assert ended.exit_code == 4
-        assert f"`jbclog recover {folder}` finishes it" in ended.stderr
+        assert f"finish it with `jbclog recover {folder}`" in ended.stderr
         monkeypatch.chdir(run)
 
 
@@ -178,7 +178,7 @@ def test_nothing_is_written_into_a_pipe_that_nobody_may_ever_read(place: Path, w
     (place / "runs").mkdir()
     (place / "served").mkdir()
     os.mkfifo(place / ("served/line.toml" if words[-1] == "served" else words[-1]))
-    assert "that is a folder, a pipe or a device" in refused(*words)
+    assert "not a regular file (folder, pipe or device)" in refused(*words)
 
 
 @pytest.mark.parametrize(

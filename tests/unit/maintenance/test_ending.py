@@ -132,17 +132,17 @@ def test_json_says_null_where_there_is_no_end() -> None:
 
 
 def test_the_table_has_the_worst_first_and_says_what_to_do() -> None:
-    told = list(lines(fleets.trouble()))
+    told = lines(fleets.trouble())
     assert told[0] == "✕ 1 OVERDUE"
-    assert told[1].startswith("OVERDUE   line3-ale    ALE 0203456  worked ")
-    assert told[2].startswith("          overdue   port 1 Tip change (T-0231): 141 to 142 %, 566 to 570 of 400 h; ")
+    assert told[1].startswith("OVERDUE    line3-ale    ALE 0203456  worked ")
+    assert told[2].startswith("           overdue      port 1 Tip change (T-0231): 141 to 142 %, 566 to 570 of 400 h; ")
     seen = "\n".join(told)
     for text in (
-        "NOT SEEN  line3-dde-c  Robot mode is off",
-        "DUE SOON  line3-dde-b  did not answer within 2 s (last seen: ",
-        "suspect   port 1 plugged_h: 820 h more in 168 h",
-        "error     port 2 short circuit",
-        "drift     1.sleep_delay: off, 6 of 7 others have 5",
+        "NOT SEEN   line3-dde-c  Robot mode is off",
+        "DUE SOON   line3-dde-b  did not answer within 2 s (last seen: ",
+        "suspect      port 1 plugged_h: 820 h more in 168 h",
+        "error        port 2 short circuit",
+        "drift        1.sleep_delay: off, 6 of 7 others have 5",
     ):
         assert text in seen
 
@@ -151,15 +151,15 @@ def test_the_table_tells_what_was_not_read() -> None:
     moving, unread = (
         "\n".join(lines(fleets.fleet(one))) for one in (read_as(FINE, Standing.MOVING), read_as(FINE, Standing.UNREAD, "timeout"))
     )
-    assert "unread    port 1 plugged_h: moving, 1, 2, 3" in moving
-    assert "unread    port 1 plugged_h: timeout" in unread
+    assert "unread  port 1 plugged_h: moving, 1, 2, 3" in moving
+    assert "unread  port 1 plugged_h: timeout" in unread
 
 
 def test_what_nobody_told_is_said_without_a_number() -> None:
     why = "last service date unknown"
     told = replace(fleets.task(5, 20), used=None, percent=None, state=State.UNKNOWN, due=None, why=why)
     seen = "\n".join(lines(fleets.fleet(replace(FINE, tasks=(told,)))))
-    assert f"not known Tip temperature verified: {why} (life: 90 d)" in seen
+    assert f"not known  Tip temperature verified: {why} (interval: 90 d)" in seen
 
 
 def test_names_from_outside_stay_on_their_line() -> None:

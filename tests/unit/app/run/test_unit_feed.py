@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import pytest
 
 from jbclog.app.run.unit_feed import UnitFeed
-from jbclog.cli.progress import Worth
+from jbclog.cli.progress import EventFilter
 from jbclog.core.rows import EventRow
 from jbclog.transport.typed_lines import LineSource
 
@@ -81,7 +81,7 @@ def test_a_unit_that_comes_back_begins_again_and_that_is_told(feeding: Feeding) 
     event = feeding.context.events[-2]
     assert event.text == "Serial SN-1 was read before, at 1970-01-01 00:00:02 UTC, and begins again; each serial counts once."
     assert (event.severity, event.value) == ("warning", 2)
-    assert Worth().telling(event)
+    assert EventFilter().passes(event)
     assert feeding.types(b"SN-2\nSN-1\n")[1] == ("repeated", "SN-2")
     assert [one.value for one in feeding.context.events if one.kind == "unit.repeated" and one.raw == "SN-1"] == [2, 3]
 
@@ -169,7 +169,7 @@ def test_the_word_end_finishes_the_last_unit_begins_none_and_is_echoed(until_two
         "END was read, and no unit is on the bench. Units finished: 1, wanted: 2.",
         "END was read: unit SN-2 is finished. Units finished: 2, wanted: 2.",
     ]
-    assert all(Worth().telling(event) for event in until_two.context.events if event.kind == "unit.finish")
+    assert all(EventFilter().passes(event) for event in until_two.context.events if event.kind == "unit.finish")
 
 
 def test_the_word_end_says_where_it_finishes_nothing(until_two: Feeding) -> None:
@@ -229,7 +229,7 @@ def test_a_refused_serial_that_is_read_again_and_again_is_told_once(refusing: Fe
 
 def test_a_repeat_that_ends_the_last_unit_is_of_the_next_run(until_two: Feeding) -> None:
     assert until_two.types(b"SN-1\n", b"SN-2\n", b"SN-1\n")[-1] == ("next", "SN-1")
-    assert Worth().telling(until_two.context.events[-1])
+    assert EventFilter().passes(until_two.context.events[-1])
     assert "repeated" not in [kind for kind, _ in until_two.context.told()]
 
 
