@@ -392,7 +392,7 @@ def test_a_snapshot_is_put_where_one_wants_it_and_over_nothing(make: Make, tmp_p
     assert (ended.code, bench.wires["dde-1"].opened) == (2, 0)
     assert "--snapshot kept.json: exists; nothing sent" in ended.err
     ended = bench.do("write", "dde-1", "store", *MEANT, "--snapshot", "no-such-folder/kept.json")
-    assert (ended.code, "the snapshot cannot be kept there" in ended.err) == (4, True)
+    assert (ended.code, "the snapshot cannot be saved" in ended.err) == (4, True)
     assert (tmp_path / "kept.json").read_bytes() == before
     assert writes(bench) == ["WNVS00000"]
 
