@@ -57,7 +57,7 @@ TEXTS_ALLOWED: Final = f"a list of texts of 1 to {LONGEST_TEXT} characters"
 Policy = Literal["stop", "skip", "continue"]
 
 
-class Head(Table):
+class BatchTable(Table):
     line: Path = Field(strict=False, description="a line file's path, from this file's folder")
     on_failure: Policy = Field("stop", description=_POLICIES)
 
@@ -95,7 +95,7 @@ class JobTable(Table):
 
 
 class BatchTables(Table):
-    batch: Head = Field(description='a table with the line: [batch] line = "line.toml"')
+    batch: BatchTable = Field(description='a table with the line: [batch] line = "line.toml"')
     job: Annotated[tuple[dict[str, object], ...], FromList] = Field(
         min_length=1, description="at least one table [[job]] with a name and an end"
     )

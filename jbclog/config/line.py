@@ -187,7 +187,7 @@ class StationSpec(StationTable):
         return is_path(self.written_url) and not Path(self.written_url).is_absolute()
 
 
-class Head(Table):
+class LineTable(Table):
     name: Name = Field(description=NAME_ALLOWED)
 
 
@@ -210,7 +210,7 @@ class Replay(Table):
 
 
 class LineTables(Table):
-    line: Head = Field(description='a table with the line\'s name: [line] name = "bench-3"')
+    line: LineTable = Field(description='a table with the line\'s name: [line] name = "bench-3"')
     replay: Replay | None = Field(None, description="a table that `jbclog replay` writes")
     station: Annotated[tuple[dict[str, object], ...], FromList] = Field(
         min_length=1, description="at least one table [[station]] with name, url and family"

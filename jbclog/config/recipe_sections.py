@@ -30,7 +30,7 @@ from jbclog.protocol.commands.family import FAMILIES
 from jbclog.protocol.commands.omega import CONDITIONS
 
 
-class Head(Table):
+class RecipeTable(Table):
     name: Name = Field(description=NAME_ALLOWED)
     revision: int = Field(ge=0, le=999_999, description="a whole number from 0 on")
     families: Families = Field(min_length=1, description=f"a list of some of {', '.join(FAMILIES)}")
@@ -191,7 +191,7 @@ PortName = Literal["1", "2", "3", "4"]
 class RecipeTables(PortSettings):
     """The whole file, table by table."""
 
-    recipe: Head = Field(description="a table [recipe] with name, revision and families")
+    recipe: RecipeTable = Field(description="a table [recipe] with name, revision and families")
     port: Mapping[PortName, PortSettings] = Field(default_factory=dict, description="a port is 1, 2, 3 or 4")
     feeder: Feeder = Feeder()
     air: Air = Air()

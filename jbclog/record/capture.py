@@ -1,23 +1,22 @@
-"""A station's wire as a file of the run: ``wire/STATION.tsv.gz``, a table of three columns that any tool opens.
+"""The serial capture of a station, ``wire/STATION.tsv.gz``: a table of three columns that any tool opens.
 
 ::
 
     at_s            what    data
-    8123.480001251  run     {"format": 3, "station": "dde-1", ...}       what the session was ordered (`Head`)
-    8123.480341902  opened  /dev/ttyUSB0                                  lost, failed and closed say why
+    8123.480001251  run     {"format": 3, "station": "dde-1", ...}       the session's options (`Head`)
+    8123.480341902  opened  /dev/ttyUSB0                                  lost, failed and closed give the reason
     8123.481126017  sent    023030303152534d4e0302                        bytes, two hexadecimal digits each
     8123.498264515  heard   023031303041534d4e204444450374
-    8123.498271302  told    ask 15 8123.481124960                         the wish that was answered, with how many bytes,
-    8123.580107466  told    wait 0                                        and when the question left
-    8125.006217701  told    gather 0                                      all stations have done this step of the start
-    9001.220071830  broke   listen the port is gone                       in place of an answer; stopped: the run's end
-    9002.118204002  done                                                  the session had ended
+    8123.498271302  told    ask 15 8123.481124960                         the request answered, with its number of bytes,
+    8123.580107466  told    wait 0                                        and when the command was sent
+    8125.006217701  told    gather 0                                      all stations have finished this step of the start
+    9001.220071830  broke   listen the port is gone                       instead of an answer; stopped: the run's end
+    9002.118204002  done                                                  the session ended
 
 `at_s` is the recorder's monotonic clock in seconds. Texts have JSON's escapes. ``zcat`` and ``pandas.read_csv`` read it.
 
-The file is written a few times a second, each time a block that is proven by itself (`wire_blocks`); the row ``run`` stands
-in several of them. What was damaged since is a `Hole` between the rows: named, and never filled. A kill may leave a block
-that is not whole at the end; `mend` cuts that off.
+It is written a few times a second, each time a block with its own checksum (`capture_file.py`); several blocks contain the row
+``run``. A damaged stretch becomes a `Hole` between the rows. `mend` cuts off an incomplete block that a kill leaves at the end.
 """
 
 from __future__ import annotations
@@ -52,7 +51,7 @@ SIP: Final = 64
 
 @dataclass(frozen=True, slots=True)
 class Head:
-    """What one session was ordered, as far as line file and recipe do not say it. Times as in the manifest."""
+    """The options of a session beyond line file and recipe. Times as in the manifest."""
 
     station: str
     url: str
@@ -68,25 +67,25 @@ class Head:
 
 
 def wire_path(folder: Path, station: str) -> Path:
-    """Where the wire of a station is, in the folder of a run."""
+    """Return the path of a station's capture in the run's folder."""
     return folder / FOLDER / f"{station}{SUFFIX}"
 
 
 def wire_paths(folder: Path) -> list[Path]:
-    """The wires that a run has recorded."""
+    """Return the paths of a run's captures."""
     return sorted((folder / FOLDER).glob(f"*{SUFFIX}")) if is_plain_folder(folder / FOLDER) else []
 
 
 @dataclass(frozen=True, slots=True)
 class Hole:
-    """A stretch of a wire that is lost, and the moments of the rows on both sides of it (None: there is none)."""
+    """A lost stretch of a capture, and the times of the rows on both sides (None: no row)."""
 
     gap: Gap
     after_s: float | None
     before_s: float | None
 
     def told(self, head: Head | None) -> str:
-        """What is lost, where in the file, and between which moments."""
+        """Return what is lost, where in the file, and between which times."""
         return f"{self.gap}; nothing is known {_between(self.after_s, self.before_s, head)}"
 
 
@@ -106,18 +105,12 @@ def _moment(at_s: float, head: Head | None) -> str:
     return f"{since:.3f} s of the run ({datetime.fromtimestamp(utc, UTC):%Y-%m-%dT%H:%M:%S}Z)"
 
 
-# -- rows as lines -------------------------------------------------------------------------------------------------------
-
-
 def head_line(head: Head) -> str:
     return f"{head.t0_mono!r}\t{RUN}\t{json.dumps(asdict(head))}\n"
 
 
-# -- reading -------------------------------------------------------------------------------------------------------------
-
-
 def read_head(path: Path) -> Head:
-    """What the session was ordered. Raises `RecordError` where the file is no wire record, or of a newer jbclog."""
+    """Read a capture's head. Raises RecordError if the file is no capture, or of a newer jbclog."""
     try:
         head = _head(path)
     except (ValueError, OSError) as error:
@@ -141,7 +134,7 @@ def _head(path: Path) -> Head:
 
 
 def _believed(head: Head, path: Path) -> Head:
-    """A head with which one can reckon, and that leads to no other folder. Raises `ValueError`."""
+    """Return a plausible head that points to no other folder. Raises ValueError."""
     expect_moment(head.t0_utc)
     if head.station != path.name.removesuffix(SUFFIX):
         raise ValueError(f"it is that of {head.station}")
@@ -151,7 +144,7 @@ def _believed(head: Head, path: Path) -> Head:
 
 
 def _why_none(path: Path) -> str:
-    """Why a file has no head: a newer one may be packed in another way, and says its format all the same."""
+    """Return why a file has no head; a newer format may be packed differently, and still states its number."""
     with open_foreign(path, Kind.WIRE) as file:
         first = file.read(FIRST_BYTES)
     found = re.search(rb'\trun\t\{[^\n]*"format": ([0-9]{1,9})', _begun(first))
@@ -161,7 +154,7 @@ def _why_none(path: Path) -> str:
 
 
 def _begun(first: bytes) -> bytes:
-    """What can be unpacked of the first bytes of a file, proven or not."""
+    """Decompress the first bytes of a file as far as possible, without checks."""
     unpacker, begun = zlib.decompressobj(16 + zlib.MAX_WBITS), b""
     with suppress(zlib.error):
         for place in range(0, len(first), SIP):
@@ -170,7 +163,7 @@ def _begun(first: bytes) -> bytes:
 
 
 def rows_and_holes(path: Path) -> Iterator[CaptureRow | Hole]:
-    """All that can be proven of a wire, in order. Raises `RecordError` where a line that is proven is no row."""
+    """Yield all intact rows in order, and holes between them. Raises RecordError if an intact line is no row."""
     last: float | None = None
     open_gap: Gap | None = None
     for block in _blocks(path):
@@ -205,12 +198,12 @@ def _blocks(path: Path) -> Iterator[Block | Gap]:
 
 
 def read_rows(path: Path) -> Iterator[CaptureRow]:
-    """The rows of a wire that can be proven, one at a time; `holes` says what is missing between them."""
+    """Yield the intact rows; `holes` lists what is missing between them."""
     return (row for row in rows_and_holes(path) if not isinstance(row, Hole))
 
 
 def read_to_hole(path: Path, first: int = 0) -> Iterator[CaptureRow]:
-    """The rows from number `first` on, up to where something is missing: what a session was told cannot be told on behind it."""
+    """Yield the rows from number `first` to the first hole: a session cannot be replayed beyond it."""
     return islice(_to_hole(path), first, None)
 
 
@@ -222,7 +215,7 @@ def _to_hole(path: Path) -> Iterator[CaptureRow]:
 
 
 def read_exchanges(path: Path) -> Iterator[CaptureRow]:
-    """The rows less those around a hole, from the last question before it to the first behind: their answers may lie in it."""
+    """Yield the rows without those from the last command before a hole to the first behind it: their answers may be lost."""
     held: list[CaptureRow] = []
     is_whole = True
     for row in rows_and_holes(path):
@@ -237,31 +230,28 @@ def read_exchanges(path: Path) -> Iterator[CaptureRow]:
 
 
 def holes(path: Path) -> list[Hole]:
-    """What is lost of a wire."""
+    """Return the holes of a capture."""
     return [hole for hole in rows_and_holes(path) if isinstance(hole, Hole)]
 
 
 def count_rows(path: Path) -> int:
-    """How many lines the file holds that can be proven, but for the columns' names."""
+    """Return the number of intact lines, without the header."""
     texts = (block.text for block in blocks(path) if isinstance(block, Block))
     return sum(text.count("\n") - text.startswith(COLUMNS) for text in texts)
 
 
 def is_done(path: Path) -> bool:
-    """Whether the file goes on to the end of its session; its port may be closed behind that."""
+    """Whether the file contains its session's end; the port's closing may follow."""
     is_done = False
     for block in blocks(path):
         is_done = isinstance(block, Block) and (is_done or "\tdone\t" in block.text)
     return is_done
 
 
-# -- a file without its end ------------------------------------------------------------------------------------------------
-
-
 def mend(path: Path) -> int:
-    """Cut off what a crash left of a block that was being written; how many bytes that was. Raises OSError.
+    """Cut off an incomplete block at the end; return the number of bytes. Raises OSError.
 
-    Only where nothing sound stands behind it, and never all of a file that may be something else.
+    Cuts only if nothing intact follows, and never a whole file that may be something else.
     """
     last: Block | Gap | None = None
     for last in blocks(path):  # noqa: B007  # the last one counts
@@ -276,6 +266,6 @@ def mend(path: Path) -> int:
 
 
 def _has_begun(path: Path) -> bool:
-    """Whether the file begins as a block does."""
+    """Whether the file begins like a block."""
     with open_foreign(path, Kind.WIRE) as file:
         return FIXED.startswith(file.read(len(FIXED)))

@@ -1,4 +1,4 @@
-"""The file of a wire: rows of text in blocks that are each proven by themselves."""
+"""The file of a serial capture: rows of text in blocks with a checksum each."""
 
 from __future__ import annotations
 
@@ -15,9 +15,6 @@ from typing import Final, cast, get_args
 from jbclog.core.capture_rows import CaptureRow, LinkRow, LinkRowKind, RequestName, ResultKind, ResultRow
 from jbclog.core.foreign.files import Kind, open_foreign
 
-# -- capture rows -------------------------------------------------------------------------------------------------------------
-# Rows of a wire as lines of its file, and back to the bit.
-
 BYTES: Final = ("sent", "heard")
 PASSED: Final = get_args(LinkRowKind)
 TOLD: Final = get_args(ResultKind)
@@ -25,7 +22,7 @@ WISHES: Final = get_args(RequestName)
 
 
 def line_of(row: CaptureRow) -> str:
-    """A row as it stands in the file; moments with all the digits that tell them apart."""
+    """Format a row; times have all digits."""
     if isinstance(row, LinkRow):
         return f"{row.at_s!r}\t{row.what}\t{row.data.hex() or _escaped(row.text)}\n"
     if row.what != "told":
@@ -38,7 +35,7 @@ def line_of(row: CaptureRow) -> str:
 
 
 def row_of(line: str) -> CaptureRow:
-    """The row in a line. Raises `ValueError` where it is none."""
+    """Parse a row. Raises ValueError."""
     columns = line.rstrip("\n").split("\t")
     if len(columns) != 3:
         raise ValueError("it has not three columns")
@@ -80,8 +77,7 @@ def _plain(text: str) -> str:
     return str(json.loads(f'"{text}"'))
 
 
-# -- capture blocks -----------------------------------------------------------------------------------------------------------
-# The blocks of a wire file: each is a gzip member that is proven by itself, so that damage costs the blocks it touches.
+# Each block is a gzip member with its own checksum, so that damage costs only the blocks it touches.
 #
 # ::
 #
@@ -90,26 +86,26 @@ def _plain(text: str) -> str:
 #     ...              its lines, deflated
 #     crc size         of the lines, as gzip has them
 #
-# `kin` is the CRC-32 of the head that the file began with: a block of another file is known for one. Numbers of blocks and
-# lines run on without a gap, so that what is missing is counted even where not a byte of it is left.
+# `kin` is the CRC-32 of the file's first head: it identifies blocks of another file. Numbers of blocks and lines have no gaps, so
+# missing lines are counted even if no byte of them is left.
 #
-# Format 1 was a single member with one check sum for all; such a file is read where that holds, and not at all otherwise.
+# Format 1 was a single member with one checksum; such a file is read only if that is right.
 
 FIXED: Final = b"\x1f\x8b\x08\x04\0\0\0\0\0\xff"  # deflate, an extra field, no time, no system
-SINGLE: Final = b"\x1f\x8b\x08\0"  # how a file of format 1 begins
+SINGLE: Final = b"\x1f\x8b\x08\0"  # the beginning of a file of format 1
 FIELD_NAME: Final = b"JW"
 HEAD: Final = struct.Struct("<10sH2sH4II")
 FIELD_BYTES: Final = HEAD.size - 16
 PIECE: Final = 1 << 16
-MOST_BYTES: Final = 64 << 20  # unpacked, of one block: three times what a recorder keeps waiting, and no more of a hostile one
+MOST_BYTES: Final = 64 << 20  # of a decompressed block: three times what a recorder writes
 MOST_LINE: Final = 1 << 20
 SEARCHED: Final = 4 << 20  # bytes at a time
-LEVEL, WINDOW, MEMORY = 6, 13, 7  # of zlib: as small as 9 and 15 nearly, in a quarter of the memory
+LEVEL, WINDOW, MEMORY = 6, 13, 7  # of zlib: nearly as small as 9 and 15, in a quarter of the memory
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Some lines that are proven: the number of the first in its file, from 1, and their text, which ends with a line."""
+    """Intact lines: the number of the first in its file, from 1, and their text."""
 
     first_line: int
     text: str
@@ -121,7 +117,7 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """What is lost: its bytes in the file (`end` not included), its lines (None: not known how many), and why."""
+    """What is lost: its bytes in the file (`end` excluded), its number of lines (None: not known), and why."""
 
     start: int
     end: int
@@ -146,7 +142,7 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class _Label:
-    """What a block says of itself, and where it stands."""
+    """The head of a block, and its place."""
 
     at: int
     number: int
@@ -155,11 +151,8 @@ class _Label:
     length: int
 
 
-# -- writing -------------------------------------------------------------------------------------------------------------
-
-
 def packed(text: str, number: int, first_line: int, kin: int) -> bytes:
-    """A block of these lines."""
+    """Pack lines into a block."""
     data = text.encode()
     packer = zlib.compressobj(LEVEL, zlib.DEFLATED, -WINDOW, MEMORY)
     body = packer.compress(data) + packer.flush() + struct.pack("<II", zlib.crc32(data), len(data) & 0xFFFFFFFF)
@@ -168,7 +161,7 @@ def packed(text: str, number: int, first_line: int, kin: int) -> bytes:
 
 
 def has_head(number: int) -> bool:
-    """Whether the block of that number begins with the file's head: 0, 1, 2, 4, 8 ... do, so that no one place has them all."""
+    """Whether the block of that number repeats the file's head: 0, 1, 2, 4, 8 …, so that copies are spread over the file."""
     return number & (number - 1) == 0
 
 
@@ -176,11 +169,8 @@ def _crc(head: bytes) -> int:
     return zlib.crc32(head[:-4])
 
 
-# -- reading -------------------------------------------------------------------------------------------------------------
-
-
 def blocks(path: Path) -> Iterator[Block | Gap]:
-    """What the file holds, in order; what cannot be proven is a gap. Raises OSError."""
+    """Yield the file's blocks in order, with gaps for what is damaged. Raises OSError."""
     with open_foreign(path, Kind.WIRE) as file:
         data = _Bytes(file.fileno())
         if len(data):
@@ -190,7 +180,7 @@ def blocks(path: Path) -> Iterator[Block | Gap]:
 
 
 class _Bytes:
-    """The bytes of an open file, a slice at a time. Mapped, they would count as memory, and a file that shrinks would end us."""
+    """The bytes of an open file by slices. A memory map would count as memory, and a shrinking file would kill the process."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
@@ -205,7 +195,7 @@ class _Bytes:
 
 
 def _labels(data: _Bytes) -> Iterator[_Label]:
-    """Every sound head of a block, wherever it stands."""
+    """Yield every intact head of a block."""
     for at in _places_of_heads(data):
         head = data[at : at + HEAD.size]
         if len(head) == HEAD.size and head.startswith(FIXED) and HEAD.unpack(head)[-1] == _crc(head):
@@ -213,7 +203,7 @@ def _labels(data: _Bytes) -> Iterator[_Label]:
 
 
 def _places_of_heads(data: _Bytes) -> Iterator[int]:
-    """Wherever a head may begin. Pieces overlap, so that none is cut in two."""
+    """Yield every place where a head may begin. Pieces overlap, so that none is cut in two."""
     sought = FIXED[:4]  # no zeros: `find` steps over what cannot be part of it, and zeros are what large hostile files have
     for start in range(0, len(data), SEARCHED - len(sought) + 1):
         piece = data[start : start + SEARCHED]
@@ -224,7 +214,7 @@ def _places_of_heads(data: _Bytes) -> Iterator[int]:
 
 
 def _numbered(data: _Bytes, first: _Label, labels: Iterator[_Label]) -> Iterator[Block | Gap]:
-    """The blocks whose heads and contents are sound, and gaps for all between them."""
+    """Yield the intact blocks, and gaps between them."""
     end, number, line, why = 0, 0, 1, ""
     for label in _chain(first, labels):
         is_next = label.kin == first.kin and label.number >= number and label.length <= MOST_BYTES
@@ -253,7 +243,7 @@ def _doubt(label: _Label, first: _Label, number: int) -> str:
 
 
 def _text(member: bytes) -> str | None:
-    """The lines of a gzip member, where its check sum and size hold and they are lines."""
+    """Return the lines of a gzip member if its checksum and size are right; else None."""
     unpacker = zlib.decompressobj(16 + zlib.MAX_WBITS)
     try:
         text = unpacker.decompress(member, MOST_BYTES).decode()
@@ -262,11 +252,8 @@ def _text(member: bytes) -> str | None:
     return text if unpacker.eof and not unpacker.unused_data and text.endswith("\n") else None
 
 
-# -- format 1 --------------------------------------------------------------------------------------------------------------
-
-
 def _singles(data: _Bytes) -> Iterator[Block | Gap]:
-    """A file with a single check sum for all: nothing of it is given before that was seen to hold."""
+    """Yield the lines of a file of format 1, once its only checksum is verified."""
     end = _sound_end(data)
     if end is None:
         yield Gap(0, len(data), 1, None, "no block of it can be proven")
@@ -281,7 +268,7 @@ def _singles(data: _Bytes) -> Iterator[Block | Gap]:
 
 
 def _unpacked(data: _Bytes) -> Iterator[tuple[bytes, int | None]]:
-    """The first member in small pieces, and at last where it ends, if it ends as it should. Raises zlib.error."""
+    """Yield the first member in small pieces, and its end with the last. Raises zlib.error."""
     unpacker = zlib.decompressobj(16 + zlib.MAX_WBITS)
     for place in range(0, len(data), PIECE):
         left = data[place : place + PIECE]
@@ -294,7 +281,7 @@ def _unpacked(data: _Bytes) -> Iterator[tuple[bytes, int | None]]:
 
 
 def _sound_end(data: _Bytes) -> int | None:
-    """Where the first member ends; None where it is not sound, or holds what are no lines of text."""
+    """Return the end of the first member; None if it is damaged, or holds no lines of text."""
     end, rest = None, b""
     try:
         for piece, end in _unpacked(data):  # noqa: B007  # the last one counts
@@ -316,6 +303,6 @@ def _lines(data: _Bytes) -> Iterator[str]:
 
 
 def _split(text: bytes) -> tuple[bytes, bytes]:
-    """The whole lines, and what has begun of the next."""
+    """Return the complete lines, and the beginning of the next."""
     end = text.rfind(b"\n") + 1
     return text[:end], text[end:]

@@ -1,12 +1,9 @@
-"""Writes what passes over the wires of a run, beside the record proper, and gives way to it.
+"""Writes the serial captures of a run; the record itself takes precedence.
 
-The rules:
-
-1. Noting a row costs the session an append. A thread puts rows into lines, packs and writes them twice a second.
-2. A kill loses what was not written yet, half a second or so (the file's form: `wire`).
-3. Trouble with a file ends the recording of that wire and nothing else: the run goes on. So does a disk with little room
-   left, for that belongs to the record itself.
-4. Memory is bounded: where the disk takes nothing for a minute and more, that is trouble, too.
+1. A row costs the session an append. A thread formats, packs and writes the rows twice a second.
+2. A kill loses about half a second of rows.
+3. Trouble with a file ends that capture, not the run. So does little free space, which belongs to the record.
+4. Memory is bounded: a disk that takes nothing for more than a minute is trouble, too.
 """
 
 from __future__ import annotations
@@ -27,15 +24,15 @@ from jbclog.record.capture import COLUMNS, FOLDER, Head, head_line, wire_path
 from jbclog.record.capture_file import has_head, line_of, packed
 
 WRITE_S: Final = 0.5
-MOST_ROWS: Final = 20_000  # waiting for one station: a minute and a half of a full wire at 19200 baud
-BREATH_S: Final = 0.001  # after each wire: a thread that is always ready takes the sessions' turn at each of their reads
-LEAST_FREE: Final = 64 << 20  # bytes of the disk that are left to the record
+MOST_ROWS: Final = 20_000  # waiting for a station: 90 s of a busy link at 19200 baud
+BREATH_S: Final = 0.001  # after each capture: a thread that is always ready would delay each read of the sessions
+LEAST_FREE: Final = 64 << 20  # bytes of the disk, reserved for the record
 
 Keep = Callable[[CaptureRow], object]
 
 
 class Wire:
-    """The file of one station. `keep` may be called in any thread; all else is the recorder's."""
+    """The capture of one station. `keep` may be called in any thread, the rest only by the recorder."""
 
     def __init__(self, path: Path, head: Head) -> None:
         self.trouble: str | None = None
@@ -57,7 +54,7 @@ class Wire:
         return self._descriptor >= 0
 
     def write(self) -> int:
-        """Write what was kept so far; give how many rows it was. Does not raise: `trouble` says what went wrong."""
+        """Write the rows so far; return their number. Does not raise: see `trouble`."""
         count = len(self._rows) if self.is_open else 0
         if count == MOST_ROWS:
             self.give_up(f"the disk was too slow for it: more than {MOST_ROWS} rows were waiting")
@@ -69,13 +66,13 @@ class Wire:
         return count
 
     def close(self) -> None:
-        """Write the rest, and make it last."""
+        """Write the rest and sync it."""
         self.write()
         if self.is_open:
             self._end()
 
     def _put(self, text: str) -> None:
-        """Write a block of these lines, all of it. Raises OSError."""
+        """Write a whole block of these lines. Raises OSError."""
         text = (COLUMNS if self._blocks == 0 else "") + (self._head if has_head(self._blocks) else "") + text
         block = packed(text, self._blocks, self._lines + 1, self._kin)
         rest = memoryview(block)
@@ -85,7 +82,7 @@ class Wire:
         self._blocks, self._lines = self._blocks + 1, self._lines + text.count("\n")
 
     def give_up(self, why: str) -> None:
-        """Write nothing more; what was written as a whole stays."""
+        """Stop writing; complete blocks stay."""
         self.trouble = f"{FOLDER}/{self._path.name} cannot be written any further: {why}. The run goes on without it."
         if self.is_open:
             self._end()
@@ -101,23 +98,23 @@ class Wire:
             os.close(descriptor)
             if not self._written:
                 with suppress(OSError):
-                    self._path.unlink()  # a file in which nothing stands is no wire record
+                    self._path.unlink()  # an empty file is no capture
 
 
 class WireRecorder:
-    """The wires of one run, in `folder`. `begin` each, then `start`; `news` tells what went wrong, once."""
+    """The captures of a run. `begin` each, then `start`; `news` returns new troubles."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._wires: list[Wire] = []
-        self._told: list[Wire] = []  # those whose trouble was told
+        self._reported: list[Wire] = []  # with reported trouble
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._write_on, name="jbclog-wires", daemon=True)
 
     def begin(self, head: Head) -> Keep:
-        """Begin the file of one station; give what takes its rows. Does not raise."""
+        """Create a station's capture; return the function that takes its rows. Does not raise."""
         path = wire_path(self._folder, head.station)
-        with suppress(OSError):  # opening the file will say it, too
+        with suppress(OSError):  # opening the file reports it, too
             path.parent.mkdir(exist_ok=True)
             sync_folder(self._folder)
         wire = Wire(path, head)
@@ -128,8 +125,8 @@ class WireRecorder:
         self._thread.start()
 
     def write(self, breath_s: float = 0.0) -> None:
-        """Write what was kept so far. Does not raise."""
-        self._look_for_room()
+        """Write the rows so far. Does not raise."""
+        self._check_free_space()
         for wire in self._wires:
             if wire.write():
                 time.sleep(breath_s)
@@ -139,27 +136,27 @@ class WireRecorder:
         self._ending.set()
         if self._thread.is_alive():
             self._thread.join()
-        self._look_for_room()
+        self._check_free_space()
         for wire in self._wires:
             wire.close()
-        with suppress(OSError):  # the record proper lies in the same folder, and says so
+        with suppress(OSError):  # the record in the same folder reports it
             sync_folder(self._folder)
 
     def troubles(self) -> list[str]:
-        """What went wrong so far, a sentence for each wire."""
+        """Return all troubles, a sentence for each capture."""
         return [wire.trouble for wire in self._wires if wire.trouble is not None]
 
     def news(self) -> list[str]:
-        """The troubles that were not told yet."""
-        fresh = [wire for wire in self._wires if wire.trouble is not None and wire not in self._told]
-        self._told += fresh
+        """Return the troubles not returned before."""
+        fresh = [wire for wire in self._wires if wire.trouble is not None and wire not in self._reported]
+        self._reported += fresh
         return [wire.trouble for wire in fresh if wire.trouble is not None]
 
-    def _look_for_room(self) -> None:
+    def _check_free_space(self) -> None:
         try:
             disk = os.statvfs(self._folder)
         except OSError:
-            return  # the record proper lies there, too, and says so
+            return  # the record in the same folder reports it
         if disk.f_bavail * disk.f_frsize < LEAST_FREE:
             for wire in self._wires:
                 if wire.is_open:

@@ -14,7 +14,7 @@ from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
 from jbclog.core.rows import EventRow
 from jbclog.record.folder import LETTERS, RUN_NAME
-from jbclog.record.manifest import NAME, Manifest, Previous, manifest_sha256, read_manifest
+from jbclog.record.manifest import NAME, Manifest, Previous, RunState, manifest_sha256, read_manifest
 from jbclog.record.schema import SCHEMAS
 
 # Each event holds the SHA-256 of the event before it, the first one that of the run's name. A changed, removed or inserted event
@@ -124,7 +124,7 @@ def previous_run(out: Path, line: str) -> Previous:
     newest_first = sorted(_runs_of(out, line), key=lambda folder: folder.name, reverse=True)
     for folder in newest_first:
         with suppress(RecordError, OSError):
-            if read_manifest(folder).state == "sealed":
+            if read_manifest(folder).state == RunState.SEALED:
                 return Previous(folder.name, manifest_sha256(folder), f"The run before this one on line {line}.")
     if newest_first:
         return Previous(None, None, f"No run of line {line} in this folder was sealed when this one began.")

@@ -30,7 +30,7 @@ from jbclog.record.chains import broken_links, is_head, short_head
 from jbclog.record.conclude import files_of, is_later, is_of_report, live_files, sealed_file
 from jbclog.record.guard_actions import plain_events
 from jbclog.record.ledger import disagreements, ledger_of, reasons_of
-from jbclog.record.manifest import NAME, Manifest, SealedFile, has_digest, manifest_sha256, read_manifest, wrong_digest
+from jbclog.record.manifest import NAME, Manifest, RunState, SealedFile, has_digest, manifest_sha256, read_manifest, wrong_digest
 from jbclog.record.parts import part_paths, read_through, row_groups
 from jbclog.record.schema import TABLES
 
@@ -225,7 +225,7 @@ def check(folder: Path, head: str | None = None) -> list[Finding]:
     manifest = read_manifest(folder)
     digest = wrong_digest(folder)
     findings = [Finding(NAME, digest)] if digest else []
-    if manifest.state != "sealed":
+    if manifest.state != RunState.SEALED:
         return [*findings, Finding(NAME, "the run is not sealed: it is being recorded, or it crashed; then run `jbclog recover`")]
     findings += [Finding(file, text) for file, text in cross_check(folder, manifest, head)]
     findings += _files(folder, manifest)

@@ -28,7 +28,7 @@ from jbclog.record import capture, guard_actions
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import units_of
 from jbclog.record.ledger import ledger_of
-from jbclog.record.manifest import NAME, Lost, Manifest, SealedFile, iso, write_manifest
+from jbclog.record.manifest import NAME, Lost, Manifest, RunState, SealedFile, iso, write_manifest
 from jbclog.record.parts import (
     DAMAGE_NOTES,
     REMAINS,
@@ -230,7 +230,7 @@ def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
             stations = with_unknown(stations, unknown_tools(folder, stations, manifest.guard))
             dropped = unkept_rows(store)
         lost = manifest.lost or _lost(read_damage(folder), dropped)
-        sealed = replace(manifest, state="sealed", stations=stations, lost=lost, ended=manifest.ended or last_time(folder))
+        sealed = replace(manifest, state=RunState.SEALED, stations=stations, lost=lost, ended=manifest.ended or last_time(folder))
         sealed.ledger = ledger_of(folder, stations)
         sealed.units = units_of(folder)
         _keep_damaged(folder)

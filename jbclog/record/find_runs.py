@@ -25,7 +25,7 @@ from jbclog.core.locks import is_held
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import late_serials
 from jbclog.record.folder import RUN_NAME
-from jbclog.record.manifest import NAME, STATES, LineFile, Lost, Metadata, RecipeFile, Unit, why_changed
+from jbclog.record.manifest import NAME, LineFile, Lost, Metadata, RecipeFile, RunState, Unit, why_changed
 from jbclog.record.schema import SCHEMA_VERSION
 
 RUNNING, CRASHED, SEALED = "running", "crashed", "sealed"
@@ -215,7 +215,7 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
         if changed is None and not wanted.may_be_in(data, has_annotations=(folder / ANNOTATIONS).exists()):
             return None
         told = build(_Summary, json_of(data, in_utf8=True))
-        if told.state not in STATES or told.schema > SCHEMA_VERSION:
+        if told.state not in set(RunState) or told.schema > SCHEMA_VERSION:
             return Unreadable(folder, "its manifest is of a newer jbclog, or none")
         if told.started is not None:
             expect_year(datetime.fromisoformat(told.started).year)

@@ -7,6 +7,7 @@ import json
 import re
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
+from enum import StrEnum
 from pathlib import Path
 from typing import Final
 
@@ -18,7 +19,6 @@ from jbclog.core.rows import Goal, StationFacts, TipCheck
 from jbclog.record.schema import SCHEMA_VERSION
 
 NAME: Final = "manifest.json"
-STATES: Final = ("open", "sealed")
 END: Final = b"\n}\n"
 DIGEST: Final = ',\n "digest": "%s"\n}\n'
 _DIGEST: Final = re.compile(rb',\n "digest": "([0-9a-f]{64})"\n\}\n\Z')
@@ -43,6 +43,13 @@ OF_0_1: Final = frozenset(
     }
 )
 """The keys of manifests without a digest."""
+
+
+class RunState(StrEnum):
+    """The state of a run's record."""
+
+    OPEN = "open"
+    SEALED = "sealed"
 
 
 class NoManifest(RecordError):
@@ -147,7 +154,7 @@ class Previous:
 
 @dataclass(slots=True)
 class Manifest:
-    """`state` is ``open`` or ``sealed``; `exit_status` ``success``, ``aborted``, ``failed``, ``lost`` or not yet known.
+    """`exit_status` is ``success``, ``aborted``, ``failed``, ``lost`` or not yet known.
 
     Times are ISO 8601 in UTC. `t0_mono`: tick 0 on the recorder's monotonic clock in seconds; `t0_utc`: the same moment in seconds
     since 1970 UTC. `rate`: in Hz, or ``max``. `wire`: None without serial captures, ``whole`` with complete ones, else what is
@@ -161,7 +168,7 @@ class Manifest:
 
     run: str
     schema: int = SCHEMA_VERSION
-    state: str = "open"
+    state: RunState = RunState.OPEN
     exit_status: str | None = None
     exit_code: int | None = None
     verdict: str | None = None
@@ -211,8 +218,6 @@ def read_manifest(folder: Path) -> Manifest:
         if isinstance(version, int) and version > SCHEMA_VERSION:
             raise RecordError(f"{path}: written with schema {version}; this jbclog knows {SCHEMA_VERSION}")
         manifest = build(Manifest, data)
-        if manifest.state not in STATES:
-            raise NoManifest(f"{path} is no manifest: its state is {manifest.state!r:.60}")
         for time in (manifest.started, manifest.ended):
             _expect_time(time)
         expect_moment(manifest.t0_utc)

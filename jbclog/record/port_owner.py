@@ -100,14 +100,14 @@ def _is_recorded(folder: Path) -> bool:
 
 
 def _holds(folder: Path, wanted: Collection[PortAddress]) -> bool:
-    from jbclog.record.manifest import read_manifest
+    from jbclog.record.manifest import RunState, read_manifest
 
     ended = _ended(folder)  # before the manifest, which says "sealed" if the store is removed meanwhile
     try:
         manifest = read_manifest(folder)
     except RecordError:
         return False  # it has not sent anything yet
-    if manifest.state != "open":
+    if manifest.state != RunState.OPEN:
         return False
     held = [port_address(facts.url) for facts in manifest.stations if facts.outcome == RUNNING and facts.name not in ended]
     return any(one.is_at(other) for one in held for other in wanted)

@@ -40,7 +40,7 @@ from jbclog.record.conclude import (
 )
 from jbclog.record.folder import RUN_NAME, expect_no_links, recipe_texts
 from jbclog.record.live import AT_RISK_S
-from jbclog.record.manifest import NAME, Lost, Manifest, NoManifest, SealedFile, read_manifest, wrong_digest
+from jbclog.record.manifest import NAME, Lost, Manifest, NoManifest, RunState, SealedFile, read_manifest, wrong_digest
 from jbclog.record.parts import part_paths, read_through, remove_leavings, remove_unfinished
 from jbclog.record.schema import TABLES
 from jbclog.record.seal import seal_rows
@@ -146,14 +146,14 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
         raise RecordError(f"{folder} is not a run")
     expect_no_links(folder)
     manifest = _draft(folder)
-    if manifest.state == "sealed" and not live_files(folder):
+    if manifest.state == RunState.SEALED and not live_files(folder):
         return _recovery(folder, Outcome.WHOLE, f"{folder.name}: {FINISHED}{_not_rebuilt(folder, manifest)}")
     refuse_newer(folder)
     lock = FolderLock.take(folder, patience_s)
     try:
         with guard_actions.without_guard(folder, patience_s):
             manifest = _draft(folder)  # the recorder may have finished while we waited
-            if manifest.state == "sealed" and not changed_parts(folder, manifest):
+            if manifest.state == RunState.SEALED and not changed_parts(folder, manifest):
                 remove_live(folder, lock)
                 return _recovery(folder, Outcome.RECOVERED, f"{folder.name}: already sealed; its live store is now removed.")
             return _finish(folder, manifest, lock)
@@ -173,7 +173,7 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     remove_leavings(folder)
     remove_unfinished(folder)
     set_parts_aside(folder, manifest)
-    manifest = replace(manifest, state="open", files=[], wire=_wire(folder, manifest))
+    manifest = replace(manifest, state=RunState.OPEN, files=[], wire=_wire(folder, manifest))
     seal_rows(folder)
     guard_actions.take_in(folder, manifest.run, guard_actions.action_log(folder))
     manifest = replace(manifest, guard="lost" if guard_actions.was_lost(folder) else manifest.guard)

@@ -13,7 +13,7 @@ from typing import Final
 from jbclog.core.errors import RecordError
 from jbclog.record.capture import FOLDER, Head, holes, is_done, read_head, wire_paths
 from jbclog.record.conclude import sealed_file
-from jbclog.record.manifest import NAME, Manifest, wrong_digest
+from jbclog.record.manifest import NAME, Manifest, RunState, wrong_digest
 
 
 def expect_manifest_unchanged(folder: Path) -> None:
@@ -111,7 +111,7 @@ def changed_since(folder: Path, manifest: Manifest) -> Iterator[str]:
 def doubts(folder: Path, manifest: Manifest | None) -> list[str]:
     """Return all damage to files that a replay reads. Raises `RecordError`."""
     try:
-        changed = [*changed_since(folder, manifest)] if manifest is not None and manifest.state == "sealed" else []
+        changed = [*changed_since(folder, manifest)] if manifest is not None and manifest.state == RunState.SEALED else []
     except OSError as error:
         raise RecordError(f"{folder}: {error}") from error
     return changed + [f"{FOLDER}/{path.name}: {text}" for path in wire_paths(folder) for text in losses(path)]

@@ -45,7 +45,7 @@ from jbclog.record.capture_file import packed
 from jbclog.record.check import check
 from jbclog.record.find_runs import find
 from jbclog.record.manifest import NAME as MANIFEST
-from jbclog.record.manifest import STATES, manifest_text, read_manifest, write_manifest
+from jbclog.record.manifest import RunState, manifest_text, read_manifest, write_manifest
 from jbclog.record.recover import recover
 from jbclog.record.schema import TABLES
 from jbclog.record.sealed_files import losses
@@ -151,7 +151,7 @@ def manifest(data: bytes, folder: Path) -> None:
         told = read_manifest(folder)
     except RecordError:
         return
-    assert told.state in STATES
+    assert isinstance(told.state, RunState)
     assert all(math.isfinite(number) for number in (told.t0_mono, told.t0_utc) if number is not None)
     assert all(isinstance(text, str) for text in (*told.serials(), *told.metadata.said().values()))
     assert check(folder)  # its files are not there

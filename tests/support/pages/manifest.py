@@ -176,7 +176,7 @@ def json_type(kind: str) -> str:
     text = re.sub(
         r"\b(?:LineFile|RecipeFile|Metadata|Unit|StationFacts|Lost|SealedFile|Previous|TipCheck|Goal|Ledger)\b",
         "object",
-        re.sub(r"Literal\[.*?\]", "str", kind),
+        re.sub(r"Literal\[.*?\]|\bRunState\b", "str", kind),
     )
     for python, json in (
         ("str", "text"),
