@@ -408,7 +408,7 @@ def test_a_delay_that_the_station_does_not_tell_is_not_taken_to_be_on(command: s
     line = line_text(fault("nak", code=4, command=command)).replace('"dde"', f'"{family}"')
     run = prepare(line, duration_s=1).go()
     assert run.facts.outcome == "refused"
-    assert f"{name} of port 1 not reported by the station" in run.facts.reason
+    assert f"{name} of port 1 not told by the station" in run.facts.reason
     assert run.writes == []
     allowed = prepare(line, RECIPE + "allow_no_cooldown = true\n", duration_s=1).go()
     assert allowed.facts.outcome == "completed"
@@ -514,5 +514,5 @@ def test_whether_such_a_tool_cools_is_not_known_and_so_it_is_not_put_to_work() -
     say(run, "CT1", "00012", 0, times=1000)
     run.go()
     assert run.facts.outcome == "refused"
-    assert "sleep delay and hibernation delay of port 1 not reported by the station" in run.facts.reason
+    assert "sleep delay and hibernation delay of port 1 not told by the station" in run.facts.reason
     assert run.writes == []

@@ -305,7 +305,7 @@ def test_a_delay_that_is_off_is_no_less_refused_than_with_stand() -> None:
     recipe = recipe.replace('families = ["soldering", ', "families = [")
     run = prepare(line_text(sim), recipe, duration_s=5).go()
     assert (run.facts.outcome, run.writes) == ("refused", [])
-    assert "sleep delay of port 1 off, so a tool in stand never cools down" in run.facts.reason
+    assert "sleep delay of port 1 off, so a tool told to stand never cools down" in run.facts.reason
 
 
 # -- what cannot be made safe ------------------------------------------------------------------------------------------------

@@ -36,7 +36,7 @@ def test_the_line_file_is_written_and_says_it(tmp_path: Path, baudrate: int) -> 
         scan = jbclog("scan", url, "--write", file)
     assert scan.returncode == 0, scan.stderr
     assert "turnaround  0.00 ms median" in scan.stdout
-    assert "the link is faster than its stated 19200 8N1: a request and its answer take" in scan.stdout
+    assert "the link is faster than its stated 19200 8N1: a question and its answer take" in scan.stdout
     assert load_line(file).stations[0].turnaround_ms == 0.0
     assert "# The link is faster than its stated 19200 8N1" in file.read_text()
 

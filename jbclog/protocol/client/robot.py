@@ -256,7 +256,7 @@ class Station(Dialogue):
             if doubted.code not in self._doubted:
                 return
         if unanswered == PROBES and isinstance(failure, AnswerTimeout):
-            raise StationSilent(f"no answer to {PROBES + 1} requests in a row")
+            raise StationSilent(f"no answer to {PROBES + 1} questions in a row")
         raise failure
 
     def _probes(self, doubted: str) -> list[Question]:

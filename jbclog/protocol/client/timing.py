@@ -55,7 +55,7 @@ class ResponseTime:
         if not self.is_faster:
             return None
         return (
-            f"the link is faster than its stated {line}: a request and its answer take {self.whole / 1000:.2f} ms, "
+            f"the link is faster than its stated {line}: a question and its answer take {self.whole / 1000:.2f} ms, "
             f"{self.wire / 1000:.2f} ms at that rate"
         )
 

@@ -211,7 +211,7 @@ LINK = (
         "sent bare; one try with a blank where it is refused or not answered, then counted as not supported",
         "ATT and six characters is the transformer only where the first is a blank or 0: no port has that number.",
         ("transformer_padded_with_blank", "transformer_padded_with_zero", "transformer_wants_blank"),
-        "The transformer's temperature has a third character after TT, in the request or the answer; it is ignored.",
+        "The transformer's temperature is asked or told with a third character behind TT; it is left out.",
     ),
     Decision(
         11,
@@ -219,7 +219,7 @@ LINK = (
         "with the question's code, without any, or, for N 1 and 2, with another: it refuses the one question that is out",
         "One question is out at a time; after a wrong check byte the station cannot know the code.",
         ("refusal_without_code",),
-        "A refusal does not repeat the code that it refuses; it is taken for the pending request.",
+        "A refusal does not repeat what it refuses; it is taken for the question that was out.",
     ),
     Decision(
         12,
@@ -274,7 +274,7 @@ STATUS = (
         "002 prints 00010 for W-PSx without a limit of family, 000 prints 00000 and 00001 only. Asked for by a recipe at the "
         "start, a refusal stops the station as that of any setting does.",
         ("extractor_refused",),
-        "The extractor state 00010 is refused; if it was the safe state, the tool is put in stand.",
+        "The extractor state 00010 is refused; where it was to be the safe state, the tool is told to stand.",
         families=("dde", "nae", "dme", "hde", "ucr", "ale"),
     ),
     Decision(
@@ -380,7 +380,7 @@ VALUES = (
         "blanks on either side are left out, any length is accepted, and its beginning gives the family",
         "UCR245 does not fit in five characters, so either the field is longer or the name is cut.",
         ("six_letter_model", "model_cut_to_five", "model_unpadded"),
-        "The model name is not what fills five characters; its beginning is enough for the family.",
+        "The model name is not what fills five characters; its beginning is enough to tell the family.",
     ),
     Decision(
         35,
@@ -399,7 +399,7 @@ VALUES = (
         "ADCx; ACDx only from a station that never used ADCx, and only when two answers agree (`protocol/client/robot.py`)",
         "The text of R-DCx is a copy of R-CDx; a late or repeated ACDx must not become a count of dispensed cycles.",
         ("dispensed_cycles_answers_acd",),
-        "R-DC is answered by ACD; it was read twice over a drained line, with the same answer.",
+        "R-DC is answered by ACD; it was asked twice over a drained line, and said the same.",
         doubtful=True,
     ),
     Decision(

@@ -21,7 +21,7 @@ from jbclog.session.run.setting import keep_row, read_setting, title_of, touch, 
 from jbclog.session.run.watch import compare_countdowns
 
 COOLING_DELAYS = ("sleep_delay", "hibernation_delay")
-NOT_REPORTED = "not reported by the station"  # so the recipe's value cannot be confirmed
+NOT_REPORTED = "not told by the station"  # so the recipe's value cannot be confirmed
 
 
 Wanted = tuple[Setting, PortState | None]
@@ -158,7 +158,7 @@ def _cooling_problems(context: SessionContext, port: PortState, wanted: list[Wan
     ]
     if not found:
         return []
-    text = f"{' and '.join(found)}, so a tool in stand {'never cools' if off else 'may never cool'} down"
+    text = f"{' and '.join(found)}, so a tool told to stand {'never cools' if off else 'may never cool'} down"
     if not context.recipe.run.allow_no_cooldown:
         return [
             text + ("; set the delay in the recipe, or allow_no_cooldown = true" if off else "; allow_no_cooldown = true allows it")

@@ -100,7 +100,7 @@ def _report_return(context: SessionContext, began: float, why: str) -> None:
     kind = "robot.on" if why == "robot_off" else "link.back"
     known = "its identity and settings have been read again"
     if not context.family.models:
-        known = "whether it is the same one is not known, because it does not identify itself"
+        known = "whether it is the same one cannot be told, because it does not say who it is"
     text = f"The station is back after {away:.1f} s; {known}."
     context.note(kind, Severity.INFO, text, since=began, value=round(away, 3))
     context.publish()

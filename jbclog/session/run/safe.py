@@ -23,7 +23,7 @@ def make_safe(context: SessionContext) -> Steps[None]:
     task = yield from _put(context, touched, feeds=context.may_feed)
     may_feed = task.feeds
     context.feeder_stopped = not may_feed
-    context.facts.unsafe = [f"{context.name}: the feeder could not be stopped"] if may_feed else []
+    context.facts.unsafe = [f"{context.name}: the feeder could not be told to stop"] if may_feed else []
     context.facts.unsafe += [_unsafe_text(context, port) for port in touched if not _is_verified(context, port)]
     if may_feed:
         context.note("safety.not_safe", Severity.CRITICAL, f"{context.facts.unsafe[0]}.")
@@ -98,7 +98,7 @@ def _state_of(context: SessionContext, port: PortState) -> str:
 def _unsafe_text(context: SessionContext, port: PortState) -> str:
     last = "never read" if port.temperature_c is None else f"last read {port.temperature_c} °C"
     sent = context.facts.safe_state.get(port.number) == SafetyResult.SENT
-    what = "was ordered into its safe state and does not confirm it" if sent else "could not be put in its safe state"
+    what = "was told to go to its safe state and does not confirm it" if sent else "could not be put in its safe state"
     if context.is_flooded:
         what += " (its link is flooded)"
     if context.stranger:

@@ -100,7 +100,7 @@ def test_a_station_that_falls_silent_meanwhile_keeps_what_it_said(bench: MakeBen
     falls_silent = "[[station.sim.fault]]\nkind = 'silence'\nat_s = 0.2\n"
     seen = see(bench(station_text("dde-1", "dde", sim=falls_silent)))["dde-1"]
     assert seen.seen
-    assert seen.why == "no answer to 3 requests in a row"
+    assert seen.why == "no answer to 3 questions in a row"
     standings = [one.standing for one in seen.counts]
     assert standings[0] is Standing.OK
     assert standings[-1] is Standing.UNREAD

@@ -67,7 +67,7 @@ def test_on_a_link_that_is_faster_than_its_stated_rate_it_is_zero() -> None:
     assert (found.median, found.longest) == (0.0, 0.0)
     assert found.whole == pytest.approx(20_000, abs=1)
     said = found.faster_text(LineFormat(9600))
-    assert said == "the link is faster than its stated 9600 8N1: a request and its answer take 20.00 ms, 28.12 ms at that rate"
+    assert said == "the link is faster than its stated 9600 8N1: a question and its answer take 20.00 ms, 28.12 ms at that rate"
 
 
 def test_a_link_within_the_tolerance_of_two_clocks_is_not_called_faster() -> None:
