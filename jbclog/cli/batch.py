@@ -50,7 +50,7 @@ def batch(
     """
     from jbclog.app.batch.executor import LOOK_EVERY_S, Timing
     from jbclog.app.batch.job_spec import plan_batch
-    from jbclog.app.batch.journal import NAME, home_of
+    from jbclog.app.batch.journal import home_of
     from jbclog.app.batch.resume import prepare
     from jbclog.app.batch.single_batch import hold
     from jbclog.cli.batch_progress import END_COLUMNS, beginning, facts, intentions, local, shown_by, table
@@ -75,7 +75,7 @@ def batch(
             echo_json(facts(shift, out, code))
         else:
             echo_table(END_COLUMNS, table(shift, out))
-            note(f"journal: {shift.journal.folder / NAME}; exit code {code}")
+            note(f"journal: {shift.journal.store.path}; exit code {code}")
         executor.finish()
         note(shift.state.closing)
     raise typer.Exit(code)

@@ -115,7 +115,7 @@ def facts(shift: PreparedBatch, out: Path, code: int) -> dict[str, object]:
     state = shift.state
     return {
         "batch": str(shift.plan.file.path),
-        "journal": str(shift.journal.folder / "journal.jsonl"),
+        "journal": str(shift.journal.store.path),
         "finished": not state.is_open(),
         "exit_code": code,
         "jobs": [_job_facts(shift, job, out) for job in _in_file_order(shift)],

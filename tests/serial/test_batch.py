@@ -69,7 +69,7 @@ def test_a_signal_ends_what_runs_with_its_tools_safe(bench: Bench, tmp_path: Pat
 
 @pytest.mark.campaign
 @pytest.mark.timeout(3600)
-@pytest.mark.parametrize("step", range(1, 110, 3))
+@pytest.mark.parametrize("step", range(1, 150, 4))
 def test_killed_at_each_step_every_job_is_done_once(bench: Bench, tmp_path: Path, step: int, counted: Callable[..., None]) -> None:
     jobs, out = write_batch(tmp_path, bench[0], seconds=1.0, count=3), tmp_path / "runs"
     killed = program("faults.killed_batch", step, "batch", jobs, "--out", out)

@@ -129,6 +129,7 @@ def main(arguments: list[str]) -> int:
         return INTERRUPTED
     with suppress(OSError):
         job_dir.set_result(result)
+    job_dir.store.close()
     return result.exit_code
 
 

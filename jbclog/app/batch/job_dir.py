@@ -1,7 +1,7 @@
-"""The folder of one attempt at a job, and the serial that one job leaves to the next.
+"""One attempt at a job: its row in the batch's store, its folder, and the serial that it leaves to the next job.
 
-The lock is held by the process of the job for as long as it lives, and taken for it by who starts it, before there is a process:
-so nobody can start it twice, and one that still runs is known by anybody at any time.
+The folder has what a database cannot hold: the lock, held by the job's process for its lifetime and taken by whoever starts it
+before there is a process, and the output of the process. So a job is never started twice, and everybody can see that it runs.
 """
 
 from __future__ import annotations
@@ -10,32 +10,28 @@ import contextlib
 import fcntl
 import json
 import os
+import time
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, Literal
 
-from jbclog.core.durable_files import write_whole
-from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
-from jbclog.core.foreign.json_reader import build, json_of, read_json
+from jbclog.app.batch.store import ADD_EVENT, BatchStore
+from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.foreign.json_reader import build, json_of
 from jbclog.core.locks import is_locked
 from jbclog.core.rows import EventRow, Severity
 from jbclog.transport.typed_lines import LineSource
 
-# -- job dir ------------------------------------------------------------------------------------------------------------------
-
-JOB: Final = "job.json"
 LOCK: Final = "lock"
-RUN: Final = "run.json"
-NOW: Final = "now.json"
-SAID: Final = "said.json"
-EVENTS: Final = "events.jsonl"
 NOTES: Final = "notes.txt"
+
+Column = Literal["spec", "run", "progress", "result", "ended"]
 
 
 @dataclass(frozen=True, slots=True)
 class PortProgress:
-    """A port as it was last read. None: not known now."""
+    """A port as last read. None: not known now."""
 
     station: str
     port: int
@@ -46,7 +42,7 @@ class PortProgress:
 
 @dataclass(frozen=True, slots=True)
 class JobProgress:
-    """How a job stands, told each second. `away` are stations that are not connected; `units` have been finished so far."""
+    """The progress of a job, written each second. `away`: disconnected stations. `units`: finished so far."""
 
     passed_s: float = 0.0
     doing: str = "starting"
@@ -58,7 +54,7 @@ class JobProgress:
 
 @dataclass(frozen=True, slots=True)
 class JobResult:
-    """The last words of a job: its exit code, and the sentences behind it, the gravest first."""
+    """The exit code of a job, and its findings, the most severe first."""
 
     exit_code: int
     verdict: str | None = None
@@ -67,17 +63,18 @@ class JobResult:
 
 
 class JobDir:
-    """The folder of one attempt."""
+    """One attempt, by its folder ``BATCH/jobs/NAME-NUMBER``. `store` is the one of the batch, opened if None."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, store: BatchStore | None = None) -> None:
         self.folder = folder
+        self.store = store or BatchStore(folder.parent.parent)
 
-    # -- who starts it ------------------------------------------------------------------------------------------------------
+    # -- the executor -------------------------------------------------------------------------------------------------------
 
-    def make(self, job: bytes) -> int:
-        """Make the folder with what the job is to do; give its lock, taken. Raises OSError."""
+    def make(self, spec: bytes) -> int:
+        """Make the folder, write what the job is to do, and return its lock, taken. Raises OSError."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        write_whole(self.folder / JOB, job)
+        self._set(spec=spec)
         descriptor = os.open(self.folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o644)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -87,105 +84,119 @@ class JobDir:
         return descriptor
 
     def is_running(self) -> bool:
-        """Whether the job's process lives."""
+        """Return whether the job's process is alive."""
         return is_locked(self.folder / LOCK)
 
     def process(self) -> int | None:
-        """The job's process, as it says itself; None where it has not come to saying so."""
+        """Return the id of the job's process; None until the process has written it."""
         with contextlib.suppress(OSError, ValueError):
             return int(read_foreign(self.folder / LOCK, Kind.LOCK))
         return None
 
-    # -- the job itself -----------------------------------------------------------------------------------------------------
+    # -- the job ------------------------------------------------------------------------------------------------------------
 
     def spec(self) -> bytes:
-        """What it is to do. Raises OSError."""
-        return read_foreign(self.folder / JOB, Kind.JOB)
+        """Return what the job is to do. Raises OSError."""
+        spec = self._get("spec")
+        if not isinstance(spec, bytes):
+            raise FileNotFoundError(f"{self.store.path} does not have {self.folder.name}")
+        return spec
 
     @staticmethod
     def sign(descriptor: int) -> None:
-        """Say in the lock which process holds it."""
+        """Write the process id into the lock."""
         os.pwrite(descriptor, str(os.getpid()).encode(), 0)
 
     def set_run(self, run: Path) -> None:
-        """Its run has a folder; nothing was asked of any station yet. Raises OSError."""
-        write_whole(self.folder / RUN, json.dumps({"run": str(run.absolute())}).encode())
+        """Write the folder of its run, before any station is touched. Raises OSError."""
+        self._set(run=json.dumps({"run": str(run.absolute())}))
 
     def set_progress(self, progress: JobProgress) -> None:
-        """How it stands. Not synced: it is worth nothing after a power cut. Raises OSError."""
-        aside = self.folder / f".{NOW}"
-        aside.write_text(json.dumps(asdict(progress)), encoding="utf-8")
-        aside.replace(self.folder / NOW)
+        """Write the progress, not synced: after a power cut it is worthless. Raises OSError."""
+        self._set(synced=False, progress=json.dumps(asdict(progress)))
 
     def add_event(self, event: EventRow) -> None:
-        """An event of its run, for who looks on; the record has it. Raises OSError."""
-        with (self.folder / EVENTS).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(event) + "\n")
+        """Add an event of its run for display, not synced: the run's record has it. Raises OSError."""
+        with self.store.transaction(synced=False) as db:
+            db.execute(ADD_EVENT, (self.folder.name, json.dumps(event)))
 
     def set_result(self, result: JobResult) -> None:
-        """What came of it. Raises OSError."""
-        write_whole(self.folder / SAID, json.dumps(asdict(result)).encode())
+        """Write the result. Raises OSError."""
+        self._set(result=json.dumps(asdict(result)), ended=time.time())
 
-    # -- who looks on -------------------------------------------------------------------------------------------------------
+    # -- readers ------------------------------------------------------------------------------------------------------------
 
     def run(self) -> Path | None:
-        """The folder of its run; None where it had not come to that."""
-        found = self._read(RUN)
+        """Return the folder of its run; None if it has none yet."""
+        found = self._json("run")
         return Path(str(found["run"])) if isinstance(found, dict) and "run" in found else None
 
     def progress(self) -> JobProgress:
-        """How it stood at last."""
+        """Return its last progress."""
         with contextlib.suppress(ValueError):
-            return build(JobProgress, self._read(NOW))
+            return build(JobProgress, self._json("progress"))
         return JobProgress()
 
     def result(self) -> JobResult | None:
-        """Its last words; None where it had none."""
+        """Return its result; None if it wrote none."""
         with contextlib.suppress(ValueError):
-            return build(JobResult, self._read(SAID))
+            return build(JobResult, self._json("result"))
         return None
 
     def ended_at(self) -> float | None:
-        """When it said its last words, seconds since 1970; None where it did not."""
+        """Return when it wrote its result, seconds since 1970; None if it wrote none."""
         with contextlib.suppress(OSError):
-            return (self.folder / SAID).stat().st_mtime
+            ended = self._get("ended")
+            return ended if isinstance(ended, float) else None
         return None
 
     def events(self, since: int) -> tuple[list[EventRow], int]:
-        """The events that were told from the byte `since` on, and where the next ones begin."""
+        """Return the events after the one numbered `since`, and the number of the last one."""
         try:
-            with open_foreign(self.folder / EVENTS, Kind.JOURNAL) as file:
-                file.seek(since)
-                data = file.read()
+            rows = self.store.rows(
+                "SELECT number, line FROM event WHERE attempt = ? AND number > ? ORDER BY number", (self.folder.name, since)
+            )
         except OSError:
             return [], since
-        whole = data[: data.rfind(b"\n") + 1]
-        found = [event for line in whole.splitlines() if (event := _event(line)) is not None]
-        return found, since + len(whole)
+        found = [event for _, line in rows if (event := _event(line)) is not None]
+        return found, rows[-1][0] if rows else since
 
     def last_note(self) -> str:
-        """The last line that the process left behind: why it died, where it says so."""
+        """Return the last line of the process's output, which may say why it died."""
         with contextlib.suppress(OSError):
             lines = read_foreign(self.folder / NOTES, Kind.JOB).decode(errors="replace").strip().splitlines()
             return lines[-1].strip() if lines else ""
         return ""
 
-    def _read(self, name: str) -> object:
+    def _json(self, column: Column) -> object:
         with contextlib.suppress(OSError, ValueError, RecursionError):
-            data: object = read_json(self.folder / name, Kind.JOB)
-            return data
+            text = self._get(column)
+            if isinstance(text, str):
+                data: object = json_of(text)
+                return data
         return None
 
+    def _get(self, column: Column) -> object:
+        rows = self.store.rows(f"SELECT {column} FROM attempt WHERE name = ?", (self.folder.name,))
+        return rows[0][0] if rows else None
 
-def _event(line: bytes) -> EventRow | None:
+    def _set(self, *, synced: bool = True, **values: object) -> None:
+        """Write columns of the attempt's row, which the first write makes."""
+        with self.store.transaction(synced=synced) as db:
+            db.execute("INSERT OR IGNORE INTO attempt (name) VALUES (?)", (self.folder.name,))
+            for column, value in values.items():
+                db.execute(f"UPDATE attempt SET {column} = ? WHERE name = ?", (value, self.folder.name))
+
+
+def _event(line: object) -> EventRow | None:
     with contextlib.suppress(ValueError, TypeError, RecursionError):
-        event = EventRow(*json_of(line))
+        event = EventRow(*json_of(str(line)))
         return event._replace(severity=Severity(event.severity))
     return None
 
 
 # -- serial handover ----------------------------------------------------------------------------------------------------------
-# The serial that ends one job is that of the next one's first unit: who made the fortieth put away has the next one in hand.
+# The serial that ends one job is the first unit of the next job at the same reader: the operator has that unit in hand.
 
 NEXT: Final = "unit.next"
 FEED: Final = (
@@ -195,7 +206,7 @@ FEED: Final = (
 
 
 class PrefixedSource(LineSource):
-    """A source that first gives a serial which was read from it before."""
+    """A source that first returns a serial which was already read from it."""
 
     def __init__(self, source: LineSource, serial: str) -> None:
         self.name = source.name
@@ -212,7 +223,7 @@ class PrefixedSource(LineSource):
 
 
 def unread_serial(before: Iterable[JobDir]) -> str | None:
-    """The serial that the last of these jobs read and left to the next; None where there is none, or it is not known."""
+    """Return the serial that the last of these jobs has read and left to the next; None if there is none or it is not known."""
     ended = [job_dir for job_dir in before if job_dir.ended_at() is not None]
     last = max(ended, key=lambda job_dir: job_dir.ended_at() or 0.0, default=None)
     events = [] if last is None else [event for event in last.events(0)[0] if event.kind in FEED]

@@ -1,12 +1,9 @@
-"""The journal of one batch on disk: chained JSON lines (`core/durable_files.py`), found again when its jobs file is started again.
+"""The journal of a batch: chained JSON lines in its store, found again when its jobs file is started again.
 
-Below the folder of runs each jobs file has a folder of its own, and in it each time that the batch began a folder with its journal,
-the jobs file as it was then, and the papers of its jobs::
+Below the folder of runs each jobs file has a folder of its own, and in it a folder for each batch::
 
     OUT/night.batch/lock
-    OUT/night.batch/20261121T210000Z/journal.jsonl  jobs.toml  jobs/smd-1-1/
-
-A line that a crash cut off was never acted upon and counts for nothing.
+    OUT/night.batch/20261121T210000Z/batch.sqlite  jobs.toml  jobs/smd-1-1/
 """
 
 from __future__ import annotations
@@ -18,59 +15,56 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.app.batch.state import BatchState, Entry, Kind, batch_state
-from jbclog.core.durable_files import add_line, chain_in, fields_of, line_of, sha256, sync_folder, write_whole
+from jbclog.app.batch.store import ADD_LINE, OLD_JOURNAL, BatchStore, import_files
+from jbclog.core.durable_files import LineChain, chain_in, fields_of, line_of, lines_in, sha256, sync_folder, write_whole
 from jbclog.core.errors import RecordError
+from jbclog.core.foreign.database import Database
 from jbclog.core.foreign.files import Kind as FileKind
 from jbclog.core.foreign.files import read_foreign
 from jbclog.core.foreign.json_reader import build
 
-NAME: Final = "journal.jsonl"
 JOBS_FILE: Final = "jobs.toml"
 JOBS: Final = "jobs"
 SUFFIX: Final = ".batch"
-FIRST: Final = sha256(NAME.encode())
+FIRST: Final = sha256(OLD_JOURNAL.encode())
 STAMP: Final = "%Y%m%dT%H%M%SZ"
-CUT_OFF: Final = "cut off"
 WAY_OUT: Final = "Restore it from a copy, or move {} elsewhere and start a new batch"
-AT_A_LOSS: Final = "no more jobs start. Running jobs continue to their end. Run the same command to resume"
+NO_MORE: Final = "no more jobs start. Running jobs continue to their end. Run the same command to resume"
 
 
 def home_of(out: Path, jobs_file: Path) -> Path:
-    """The folder of a jobs file's batches below the folder of runs."""
+    """Return the folder of a jobs file's batches below the folder of runs."""
     return out / f"{jobs_file.stem}{SUFFIX}"
 
 
 def iso(utc_s: float) -> str:
-    """As times stand in the journal."""
+    """Format a time of the journal."""
     return datetime.fromtimestamp(utc_s, UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
 class Journal:
-    """The journal in `folder`, and how the batch stands by it. `utc` gives the time now, seconds since 1970."""
+    """The journal of the batch in `folder`, and the state of the batch. `utc` returns the time, seconds since 1970."""
 
     def __init__(self, folder: Path, utc: Callable[[], float], entries: list[Entry] | None = None) -> None:
         self.folder = folder
+        self.store = BatchStore(folder)
         self.state: BatchState = batch_state(entries or ())
         self._utc = utc
 
     def note(self, entry: Entry) -> None:
         """Write an entry and sync it, before its action is taken. Raises `RecordError`."""
-        kept: list[Entry] = []
-
-        def made(seq: int, previous: str) -> bytes:
-            kept.append(replace(entry, time=iso(self._utc()), seq=seq, prev_sha256=previous))
-            return _line(kept[-1])
-
         try:
-            add_line(self.folder / NAME, FIRST, _parsed, made)
+            with self.store.transaction() as db:
+                seq, previous = _end(db)
+                kept = replace(entry, time=iso(self._utc()), seq=seq + 1, prev_sha256=previous)
+                db.execute(ADD_LINE, (_line(kept),))
         except OSError as error:
-            text = f"{self.folder / NAME} cannot be written: {error.strerror or error}; {AT_A_LOSS}"
-            raise RecordError(text) from error
-        self.state.take(kept[-1])
+            raise RecordError(f"{self.store.path} cannot be written: {error.strerror or error}; {NO_MORE}") from error
+        self.state.take(kept)
 
 
 def begin(home: Path, text: str, utc: Callable[[], float]) -> Journal:
-    """A new batch: its folder with the jobs file as it is now. Raises `RecordError`."""
+    """Make the folder of a new batch with a copy of the jobs file. Raises `RecordError`."""
     folder = home / datetime.fromtimestamp(utc(), UTC).strftime(STAMP)
     try:
         while folder.exists():  # two within a second
@@ -84,53 +78,82 @@ def begin(home: Path, text: str, utc: Callable[[], float]) -> Journal:
 
 
 def newest(home: Path, utc: Callable[[], float]) -> Journal | None:
-    """The batch that was begun last, None where there is none. Raises `RecordError` where its journal was changed.
-
-    One that was killed before its first line stood is none.
-    """
+    """Return the latest batch that has begun; imports one of an earlier release that is not finished. Raises `RecordError`."""
     for folder in sorted((path for path in home.glob("*Z*") if path.is_dir()), key=lambda path: path.name, reverse=True):
-        entries = read(folder)
+        journal = Journal(folder, utc)
+        entries = entries_in(journal.store)
         _expect_all(folder, entries)
         if any(entry.kind == Kind.EXECUTION for entry in entries):
-            return Journal(folder, utc, entries)
+            journal.state = batch_state(entries)
+            if not journal.state.is_finished and (folder / OLD_JOURNAL).exists():
+                _import(journal.store)
+            return journal
+        journal.store.close()
     return None
 
 
-def _expect_all(folder: Path, entries: list[Entry]) -> None:
-    """An attempt is written down before it has papers: papers of which the journal says nothing mean that it has lost lines."""
-    known = {f"{entry.job}-{entry.attempt}" for entry in entries if entry.kind == Kind.START}
-    unknown = sorted(path.name for path in (folder / JOBS).glob("*") if path.name not in known)
-    if unknown:
-        text = f"has no entry for jobs/{unknown[0]}, which was started: entries are missing; nothing was started"
-        raise RecordError(f"{folder / NAME}: {text}. {WAY_OUT.format(folder)}")
-
-
-def read(folder: Path) -> list[Entry]:
-    """Every line of a batch's journal. Raises `RecordError` where it cannot be read, or is not what was written."""
-    path = folder / NAME
+def entries_in(store: BatchStore) -> list[Entry]:
+    """Return all entries of a batch. Raises `RecordError` if they cannot be read or were changed."""
+    path, folder = store.path, store.path.parent
     try:
-        found = chain_in(
-            read_foreign(path, FileKind.JOURNAL), FIRST, _parsed, what="line of a batch's journal", of_first="the file's name"
-        )
-    except FileNotFoundError:
-        return []
-    except OSError as error:
-        raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
-    wrong = [(number, text) for number, text in found.wrong if CUT_OFF not in text]
-    if wrong:
-        number, text = wrong[0]
+        lines = [bytes(line) for (line,) in store.rows("SELECT line FROM journal ORDER BY number")]
+        if not lines and (folder / OLD_JOURNAL).exists():
+            path, lines = folder / OLD_JOURNAL, _old_lines(folder)
+    except (OSError, TypeError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise RecordError(f"{path} cannot be read: {why}; nothing was started. {WAY_OUT.format(folder)}") from error
+    found = _chain(lines)
+    if found.wrong:
+        number, text = found.wrong[0]
         raise RecordError(f"{path}: line {number} {text}; nothing was started. {WAY_OUT.format(folder)}")
     return found.entries
 
 
+def _chain(lines: list[bytes]) -> LineChain[Entry]:
+    data = b"".join(line + b"\n" for line in lines)
+    return chain_in(data, FIRST, _parsed, what="line of a batch's journal", of_first="the file's name")
+
+
+def _old_lines(folder: Path) -> list[bytes]:
+    """Return the lines of a journal of an earlier release, without a last one that a crash cut off."""
+    data = read_foreign(folder / OLD_JOURNAL, FileKind.JOURNAL)
+    lines = lines_in(data)
+    is_torn = bool(lines) and not data.endswith(b"\n") and _parsed(lines[-1]) is None
+    return lines[:-1] if is_torn else lines
+
+
+def _import(store: BatchStore) -> None:
+    folder = store.path.parent
+    try:
+        import_files(store, _old_lines(folder), sorted((folder / JOBS).glob("*")))
+    except OSError as error:
+        raise RecordError(f"{store.path} cannot be written: {error.strerror or error}; nothing was started") from error
+
+
+def _expect_all(folder: Path, entries: list[Entry]) -> None:
+    """Raise `RecordError` for a job's folder without an entry: the entry is written first, so it was lost."""
+    known = {f"{entry.job}-{entry.attempt}" for entry in entries if entry.kind == Kind.START}
+    unknown = sorted(path.name for path in (folder / JOBS).glob("*") if path.name not in known)
+    if unknown:
+        text = f"its journal has no entry for jobs/{unknown[0]}, which was started: entries are missing; nothing was started"
+        raise RecordError(f"{folder}: {text}. {WAY_OUT.format(folder)}")
+
+
+def _end(db: Database) -> tuple[int, str]:
+    """Return the number of the last entry and the hash of its line. A journal of an earlier release may have torn lines."""
+    row = db.execute("SELECT line FROM journal ORDER BY number DESC LIMIT 1").fetchone()
+    last = None if row is None else _parsed(row[0])
+    return (0 if last is None else last.seq), (FIRST if row is None else sha256(row[0]))
+
+
 def _line(entry: Entry) -> bytes:
-    """What does not belong to its kind is left out."""
+    """Format an entry, without the fields that are None."""
     return line_of({name: value for name, value in asdict(entry).items() if value is not None})
 
 
 def _parsed(line: bytes) -> Entry | None:
     try:
-        said = build(Entry, fields_of(line))
-        return said if _line(said) == line else None
+        entry = build(Entry, fields_of(line))
+        return entry if _line(entry) == line else None
     except ValueError:
         return None

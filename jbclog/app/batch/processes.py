@@ -20,6 +20,7 @@ from jbclog.app.batch.child import SPEC
 from jbclog.app.batch.job_dir import NOTES, JobDir, unread_serial
 from jbclog.app.batch.job_spec import JobSpec
 from jbclog.app.batch.state import State
+from jbclog.app.batch.store import BatchStore
 from jbclog.app.run.plan import Metadata
 from jbclog.core.errors import RecordError, Unsafe, unexpected_error_text
 from jbclog.core.outcome import Exit, Status
@@ -71,8 +72,9 @@ class Processes(Protocol):
 class SystemProcesses:
     """Processes of this computer, with the folders of their jobs below `folder`."""
 
-    def __init__(self, folder: Path, specs: dict[str, JobSpec]) -> None:
+    def __init__(self, folder: Path, specs: dict[str, JobSpec], store: BatchStore | None = None) -> None:
         self._folder = folder
+        self._store = store or BatchStore(folder)
         self._specs = specs
         self._children: dict[Path, subprocess.Popen[bytes]] = {}
         self._pool = ThreadPoolExecutor(RECOVERING_MOST, "recover")
@@ -81,7 +83,7 @@ class SystemProcesses:
         self._recorded: dict[Path, Path] = {}
 
     def job_dir(self, name: str, attempt: int) -> JobDir:
-        return JobDir(self._folder / "jobs" / f"{name}-{attempt}")
+        return JobDir(self._folder / "jobs" / f"{name}-{attempt}", self._store)
 
     def set_recorded_run(self, name: str, attempt: int, run: Path) -> None:
         """Set the run that the journal has for an attempt, in case the job's folder is gone."""
@@ -111,7 +113,7 @@ class SystemProcesses:
         if spec.units_from is None:
             return spec
         same = [other for other, one in self._specs.items() if one.units_from == spec.units_from]
-        before = [JobDir(path) for path in (self._folder / "jobs").glob("*") if path.name.rpartition("-")[0] in same]
+        before = [JobDir(path, self._store) for path in (self._folder / "jobs").glob("*") if path.name.rpartition("-")[0] in same]
         return replace(spec, first_unit=unread_serial(before))
 
     def runs(self, name: str, attempt: int) -> bool:

@@ -75,7 +75,7 @@ def prepare(plan: BatchPlan, out: Path, timing: Timing, zone: Zone, *, resume: b
 
 
 def _prepared(plan: BatchPlan, journal: Journal, *, is_new: bool) -> PreparedBatch:
-    processes = SystemProcesses(journal.folder, plan.specs)
+    processes = SystemProcesses(journal.folder, plan.specs, journal.store)
     for job in journal.state.running():
         if job.last is not None and job.last.run is not None:
             processes.set_recorded_run(job.name, job.last.number, journal.folder.parent.parent / job.last.run)

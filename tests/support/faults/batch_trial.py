@@ -18,8 +18,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from jbclog.app.batch.job_dir import JobDir
-from jbclog.app.batch.journal import read
+from jbclog.app.batch.journal import entries_in
 from jbclog.app.batch.state import RECORDED, BatchState, State, batch_state
+from jbclog.app.batch.store import BatchStore
 from jbclog.record.check import check
 from jbclog.record.find_runs import Found, find
 from jbclog.record.manifest import read_manifest
@@ -73,7 +74,7 @@ class Trial:
         return sorted(path for path in (self.out / "quick-night.batch").iterdir() if path.is_dir())[-1]
 
     def state(self) -> BatchState:
-        return batch_state(read(self.journal))
+        return batch_state(entries_in(BatchStore(self.journal)))
 
     def runs(self) -> list[str]:
         """How each attempt came out."""

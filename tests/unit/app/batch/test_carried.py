@@ -12,13 +12,14 @@ from jbclog.transport.typed_lines import open_source
 
 
 def papers(folder: Path, name: str, *kinds: str, ended: float | None = None) -> JobDir:
-    made = JobDir(folder / name)
+    made = JobDir(folder / "batch" / "jobs" / name)
     os.close(made.make(b"{}"))
     for number, kind in enumerate(kinds):
         made.add_event(EventRow(number, kind, Severity.INFO, "", raw=f"S{number}"))
     if ended is not None:
         made.set_result(JobResult(0))
-        os.utime(made.folder / "said.json", (ended, ended))
+        with made.store.transaction() as db:
+            db.execute("UPDATE attempt SET ended = ? WHERE name = ?", (ended, name))
     return made
 
 

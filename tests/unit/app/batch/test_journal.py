@@ -4,32 +4,37 @@ from __future__ import annotations
 
 import os
 import shutil
+import sqlite3
 import subprocess
 import sys
-from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from jbclog.app.batch import store
 from jbclog.app.batch.executor import Timing
 from jbclog.app.batch.job_dir import JobDir
 from jbclog.app.batch.job_spec import BatchPlan, plan_batch
-from jbclog.app.batch.journal import NAME, Journal, begin, home_of, newest, read
+from jbclog.app.batch.journal import Journal, begin, entries_in, home_of, newest
 from jbclog.app.batch.processes import result_of
 from jbclog.app.batch.resume import PreparedBatch, prepare
 from jbclog.app.batch.single_batch import hold
-from jbclog.app.batch.state import Entry, Kind, batch_state
+from jbclog.app.batch.state import Entry, Kind, State, batch_state
+from jbclog.app.batch.store import NAME, OLD_JOURNAL, BatchStore
 from jbclog.config.job_order import SystemZone
 from jbclog.config.jobs_file import load_jobs
 from jbclog.core.errors import JbclogError, Problems, RecordError, UsageError
+from jbclog.core.foreign.database import Database
 from support.command import BENCH, PROFILES
 
 NIGHT = 1_790_000_000.0
 RECIPE = PROFILES / "recipes" / "sac305-smd.toml"
 MEANS = Timing(lambda: NIGHT, lambda: None)
-SITTING = Entry("", Kind.EXECUTION, "The batch begins.")
+EXECUTION = Entry("", Kind.EXECUTION, "Batch started.")
 START = Entry("", Kind.START, "a is started.", "a", 1)
 END = Entry("", Kind.END, "", "a", 1, "done", False, 0, "ACCEPT", "run-1")
 FINISH = Entry("", Kind.FINISH, "Every job has come to its end.")
@@ -70,6 +75,11 @@ class Bench:
         assert before in TEXT
         self.file.write_text(TEXT.replace(before, after))
 
+    def failure(self) -> str:
+        with pytest.raises(RecordError) as raised:
+            self.take()
+        return str(raised.value)
+
     def problems(self, **how: bool) -> str:
         with pytest.raises(UsageError) as raised:
             self.take(**how)
@@ -83,7 +93,7 @@ def bench(tmp_path: Path) -> Bench:
 
 def interrupted(bench: Bench) -> Journal:
     journal = bench.take().journal
-    journal.note(SITTING)
+    journal.note(EXECUTION)
     journal.note(START)
     return journal
 
@@ -91,61 +101,223 @@ def interrupted(bench: Bench) -> Journal:
 # -- what a crash leaves -------------------------------------------------------------------------------------------------------
 
 
-def test_cut_off_at_every_byte_it_says_what_was_acknowledged_before(tmp_path: Path) -> None:
-    journal = begin(tmp_path, TEXT, MEANS.utc)
-    for entry in (Entry("", Kind.BEGIN, ""), replace(START, kind=Kind.JOB), SITTING, START, END, FINISH):
-        journal.note(entry)
-    path = journal.folder / NAME
-    whole, entries = path.read_bytes(), read(journal.folder)
-    ends = [place for place, byte in enumerate(whole) if byte == ord("\n")]
-    for length in range(0, len(whole), 7):
-        path.write_bytes(whole[:length])
-        count = sum(end <= length for end in ends)  # a line that lacks nothing but its end has lost nothing
-        assert read(journal.folder) == entries[:count]
-    path.write_bytes(whole)
-    assert read(journal.folder) == entries
+def entries(folder: Path) -> list[Entry]:
+    return entries_in(BatchStore(folder))
 
 
-def test_what_is_written_behind_a_line_that_was_cut_off_goes_on_with_the_chain(tmp_path: Path) -> None:
-    journal = begin(tmp_path, TEXT, MEANS.utc)
-    for entry in (Entry("", Kind.BEGIN, ""), SITTING, START):
+def begun(home: Path, *noted: Entry) -> Journal:
+    """A batch whose executor has died: nothing of its store is closed."""
+    journal = begin(home, TEXT, MEANS.utc)
+    for entry in noted:
         journal.note(entry)
-    path = journal.folder / NAME
-    path.write_bytes(path.read_bytes()[:-20])
-    again = newest(tmp_path, MEANS.utc)
-    assert again is not None
-    again.note(replace(START, attempt=1))
-    assert [entry.kind for entry in read(journal.folder)] == ["begin", "sitting", "start"]
-    assert batch_state(read(journal.folder)).jobs["a"].state.value == "running"
+    return journal
+
+
+def changed(folder: Path, *statements: str) -> None:
+    with closing(sqlite3.connect(folder / NAME)) as db:
+        for statement in statements:
+            db.execute(statement)
+        db.commit()
+
+
+def test_a_log_cut_off_anywhere_keeps_what_was_written_before(tmp_path: Path) -> None:
+    kinds = (Entry("", Kind.BEGIN, ""), replace(START, kind=Kind.JOB), EXECUTION, START, END, FINISH)
+    journal = begun(tmp_path, *kinds)
+    log = journal.folder / f"{NAME}-wal"
+    whole, found = log.read_bytes(), []
+    for length in [*range(0, len(whole), 997), len(whole)]:
+        copy = tmp_path / f"cut-{length}"
+        copy.mkdir()
+        shutil.copy(journal.folder / NAME, copy)
+        (copy / log.name).write_bytes(whole[:length])
+        found.append([entry.kind for entry in entries(copy)])
+    assert found[0] == []
+    assert found[-1] == [entry.kind for entry in kinds]
+    for before, after in pairwise(found):
+        assert after[: len(before)] == before
+
+
+class Killed(BaseException):
+    pass
+
+
+def test_killed_at_any_statement_an_entry_is_written_or_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = Database.execute
+    for fatal in range(1, 20):
+        home = tmp_path / str(fatal)
+        home.mkdir()
+        journal = begun(home, EXECUTION)
+        done: list[str] = []
+
+        def execute(db: Database, sql: str, values: Any = (), *, fatal: int = fatal, done: list[str] = done) -> sqlite3.Cursor:
+            done.append(sql)
+            if len(done) == fatal:
+                db.interrupt()
+                raise Killed
+            return whole(db, sql, values)
+
+        monkeypatch.setattr(Database, "execute", execute)
+        try:
+            journal.note(START)
+        except Killed:
+            is_whole = False
+        else:
+            is_whole = True
+        monkeypatch.setattr(Database, "execute", whole)
+        assert [entry.kind for entry in entries(journal.folder)] == ["sitting", "start"][: 1 + is_whole]
+        journal.note(END)  # its transaction was given up, and the next one is as good as ever
+        assert entries(journal.folder)[-1].kind == "end"
+        if is_whole:
+            assert fatal > 4
+            return
+    pytest.fail("it has no end")
 
 
 @pytest.mark.parametrize(
-    "change", [lambda data: data.replace(b"a is started", b"b is started"), lambda data: data[data.find(b"\n") + 1 :]]
+    "change",
+    [
+        "UPDATE journal SET line = replace(CAST(line AS TEXT), 'a is started', 'b is started')",
+        "DELETE FROM journal WHERE number = 1",
+        "DELETE FROM journal WHERE number = 3",
+        "CREATE VIEW other AS SELECT * FROM journal",
+        "DROP TABLE event",
+    ],
 )
-def test_a_line_that_was_changed_or_taken_out_stops_everything(tmp_path: Path, change: Callable[[bytes], bytes]) -> None:
-    journal = begin(tmp_path, TEXT, MEANS.utc)
-    for entry in (Entry("", Kind.BEGIN, ""), SITTING, START, END):
-        journal.note(entry)
-    path = journal.folder / NAME
-    path.write_bytes(change(path.read_bytes()))
+def test_a_journal_that_was_changed_stops_everything(tmp_path: Path, change: str) -> None:
+    journal = begun(tmp_path, Entry("", Kind.BEGIN, ""), EXECUTION, START, END)
+    changed(journal.folder, change)
     with pytest.raises(RecordError, match="nothing was started") as raised:
         newest(tmp_path, MEANS.utc)
     assert str(journal.folder) in str(raised.value)
 
 
+def test_a_store_that_is_damaged_stops_everything(tmp_path: Path) -> None:
+    journal = begun(tmp_path, Entry("", Kind.BEGIN, ""), EXECUTION, START, END)
+    journal.store.close()
+    path = journal.folder / NAME
+    path.write_bytes(path.read_bytes()[:4096] + bytes(range(256)) * 64)
+    with pytest.raises(RecordError, match=r"batch.sqlite cannot be read.*nothing was started"):
+        newest(tmp_path, MEANS.utc)
+
+
+def test_a_store_that_was_removed_takes_no_more_entries(tmp_path: Path) -> None:
+    journal = begun(tmp_path, EXECUTION)
+    (journal.folder / NAME).unlink()
+    with pytest.raises(RecordError, match=r"cannot be written: it was removed; no more jobs start"):
+        journal.note(START)
+
+
+def test_a_full_disk_takes_no_entry_and_the_next_one_follows_the_last_that_was_written(tmp_path: Path) -> None:
+    journal = begun(tmp_path, EXECUTION)
+    with journal.store.transaction() as db:
+        db.execute("PRAGMA max_page_count = 1")  # as many as there are
+    with pytest.raises(RecordError, match=r"database or disk is full; no more jobs start\. Running jobs continue"):
+        journal.note(replace(START, text="x" * 20_000))
+    assert [job.name for job in journal.state.running()] == []
+    with journal.store.transaction() as db:
+        db.execute("PRAGMA max_page_count = 1000")
+    journal.note(START)
+    assert [entry.kind for entry in entries(journal.folder)] == ["sitting", "start"]
+
+
+def test_another_process_that_writes_is_waited_for_and_then_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store, "BUSY_S", 0.05)
+    journal = begun(tmp_path, EXECUTION)
+    journal.store.close()
+    with closing(sqlite3.connect(journal.folder / NAME, isolation_level=None)) as other:
+        other.execute("BEGIN IMMEDIATE")
+        with pytest.raises(RecordError, match="database is locked"):
+            journal.note(START)
+        assert [entry.kind for entry in entries(journal.folder)] == ["sitting"]  # readers do not wait
+        other.execute("ROLLBACK")
+    journal.note(START)
+
+
 @pytest.mark.parametrize("left", [0, 1, 2])
-def test_lines_that_are_gone_show_in_the_papers_of_the_jobs(bench: Bench, left: int) -> None:
-    """Cut off between two lines a journal is a good one, by itself."""
+def test_entries_that_are_missing_show_in_the_folders_of_the_jobs(bench: Bench, left: int) -> None:
+    """Cut off between two entries a journal is valid by itself."""
     journal = interrupted(bench)
     (journal.folder / "jobs" / "a-1").mkdir(parents=True)
     assert newest(bench.home, MEANS.utc) is not None
-    path = journal.folder / NAME
-    path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:left]))
-    with pytest.raises(RecordError, match=r"has no entry for jobs/a-1.*entries are missing; nothing was started"):
+    changed(journal.folder, f"DELETE FROM journal WHERE number > {left}")
+    with pytest.raises(RecordError, match=r"no entry for jobs/a-1.*entries are missing; nothing was started"):
         newest(bench.home, MEANS.utc)
-    path.unlink()
+    (journal.folder / NAME).unlink()
     with pytest.raises(RecordError, match="start a new batch"):
         newest(bench.home, MEANS.utc)
+
+
+# -- batches of earlier releases -----------------------------------------------------------------------------------------------
+
+
+def as_of_old(journal: Journal) -> Path:
+    """Turn a batch into one of an earlier release, with an attempt that has ended."""
+    lines = [line for (line,) in journal.store.rows("SELECT line FROM journal ORDER BY number")]
+    journal.store.close()
+    (journal.folder / NAME).unlink()
+    (journal.folder / OLD_JOURNAL).write_bytes(b"".join(line + b"\n" for line in lines))
+    job = journal.folder / "jobs" / "a-1"
+    job.mkdir(parents=True)
+    (job / "job.json").write_text("{}")
+    (job / "said.json").write_text('{"exit_code": 2, "verdict": null, "findings": ["no such port"], "run": null}')
+    (job / "events.jsonl").write_text('[1, "unit.next", "info", "", "", null, null, "S7"]\n')
+    return job
+
+
+@pytest.mark.parametrize("torn", [b"", b'{"time": "2026-09'])
+def test_an_interrupted_batch_of_an_earlier_release_is_resumed(bench: Bench, torn: bytes) -> None:
+    journal = interrupted(bench)
+    before = entries(journal.folder)
+    as_of_old(journal)
+    with (journal.folder / OLD_JOURNAL).open("ab") as file:
+        file.write(torn)
+    batch = bench.take(resume=True)
+    assert not batch.is_new
+    assert entries(journal.folder) == before
+    result = result_of(batch.processes.job_dir("a", 1))
+    assert (result.state, result.exit_code, result.text) == (State.FAILED, 2, "no such port")
+    batch.journal.note(END)
+    assert entries(journal.folder)[-1].seq == len(before) + 1
+    assert len(entries(journal.folder)) == len(before) + 1
+
+
+def test_a_finished_batch_of_an_earlier_release_counts(bench: Bench) -> None:
+    journal = interrupted(bench)
+    journal.note(END)
+    journal.note(FINISH)
+    as_of_old(journal)
+    assert "the last one finished at 2026-09" in bench.problems(resume=True)
+    assert not (journal.folder / NAME).exists()
+    assert bench.take().is_new
+
+
+def test_an_import_that_was_killed_is_done_again(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    journal = interrupted(bench)
+    before = entries(journal.folder)
+    as_of_old(journal)
+
+    def killed(*_: object) -> None:
+        raise Killed
+
+    with monkeypatch.context() as patch:
+        patch.setattr("jbclog.app.batch.store._old_text", killed)
+        with pytest.raises(Killed):
+            bench.take()
+    assert (journal.folder / NAME).exists()
+    bench.take()
+    bench.take()
+    assert entries(journal.folder) == before
+
+
+def test_an_old_journal_that_was_changed_stops_everything(bench: Bench) -> None:
+    journal = interrupted(bench)
+    as_of_old(journal)
+    path = journal.folder / OLD_JOURNAL
+    path.write_bytes(path.read_bytes().replace(b"a is started", b"b is started"))
+    assert "journal.jsonl: line" in bench.failure()
+
+
+# -- new or resumed ------------------------------------------------------------------------------------------------------------
 
 
 def test_a_batch_that_was_killed_before_it_began_is_none(bench: Bench) -> None:
@@ -219,7 +391,7 @@ def test_a_file_that_was_changed_meanwhile_is_told_with_what_changed(
         assert "`--anew` discards it and starts a new one; or restore the jobs file" in said
         assert str(journal.folder / "jobs.toml") in said
         assert (journal.folder / "jobs.toml").read_text() == TEXT
-    assert [entry.kind for entry in read(journal.folder)][-2:] == ["sitting", "start"]
+    assert [entry.kind for entry in entries(journal.folder)][-2:] == ["sitting", "start"]
 
 
 def test_comments_and_blanks_change_nothing(bench: Bench) -> None:
@@ -234,14 +406,14 @@ def test_anew_gives_up_what_there_is(bench: Bench) -> None:
     new = bench.take(anew=True)
     assert new.is_new
     assert new.journal.folder != journal.folder
-    given_up = batch_state(read(journal.folder))
+    given_up = batch_state(entries(journal.folder))
     assert given_up.is_finished
     assert given_up.closing == "Batch discarded: a new one starts in its place."
 
 
 def test_what_still_runs_is_not_given_up(bench: Bench) -> None:
     shift = bench.take()
-    shift.journal.note(SITTING)
+    shift.journal.note(EXECUTION)
     shift.journal.note(START)
     papers = JobDir(shift.journal.folder / "jobs" / "a-1")
     descriptor = papers.make(b"{}")

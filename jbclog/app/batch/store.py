@@ -1,0 +1,147 @@
+"""The SQLite file of a batch: its journal, and what the executor and the jobs exchange.
+
+The rules:
+
+1. What `transaction` wrote is synced when it returns, except with ``synced=False``: after a power cut the store is consistent,
+   and such rows may be missing.
+2. Several processes write, the executor and each job. A transaction is a few statements; others wait for it, `BUSY_S` at most.
+   A process killed in a transaction leaves nothing of it.
+3. SQLite does not detect a row that was changed or deleted. The lines of the journal are chained by their hashes, so they do.
+4. A batch of an earlier release has files in place of the store. They are read, and `import_files` copies them once the batch
+   is resumed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import sqlite3
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Final
+
+from jbclog.core.durable_files import sync_folder
+from jbclog.core.foreign.database import Database, open_database
+from jbclog.core.foreign.files import Kind, expect_regular, read_foreign
+
+NAME: Final = "batch.sqlite"
+BUSY_S: Final = 5.0
+COLUMNS: Final = {
+    "journal": ("number", "line"),
+    "attempt": ("name", "spec", "run", "progress", "result", "ended"),
+    "event": ("number", "attempt", "line"),
+}
+_CREATE: Final = (
+    "CREATE TABLE IF NOT EXISTS journal (number INTEGER PRIMARY KEY, line BLOB NOT NULL)",
+    "CREATE TABLE IF NOT EXISTS attempt (name TEXT PRIMARY KEY, spec BLOB, run TEXT, progress TEXT, result TEXT, ended REAL)",
+    "CREATE TABLE IF NOT EXISTS event (number INTEGER PRIMARY KEY, attempt TEXT NOT NULL, line TEXT NOT NULL)",
+)
+ADD_LINE: Final = "INSERT INTO journal (line) VALUES (?)"
+ADD_EVENT: Final = "INSERT INTO event (attempt, line) VALUES (?, ?)"
+
+
+class BatchStore:
+    """The store in the folder of a batch, opened when it is first used. Callers may be in any thread. Methods raise OSError."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / NAME
+        self._db: Database | None = None
+        self._using = threading.RLock()
+
+    def rows(self, sql: str, values: tuple[object, ...] = ()) -> list[tuple[Any, ...]]:
+        """Return the rows of a query; none where no store exists."""
+        with self._using, _as_os_error():
+            if self._db is None and not self.path.exists():
+                return []
+            db = self._opened()
+            db.within()
+            return db.execute(sql, values).fetchall()
+
+    @contextmanager
+    def transaction(self, *, synced: bool = True) -> Iterator[Database]:
+        """Write in one transaction, all of it or nothing."""
+        with self._using, _as_os_error():
+            db = self._opened()
+            if db.in_transaction:  # its end failed
+                db.execute("ROLLBACK")
+            db.within()
+            db.execute(f"PRAGMA synchronous = {'FULL' if synced else 'NORMAL'}")
+            try:
+                db.execute("BEGIN IMMEDIATE")
+                yield db
+                db.execute("COMMIT")
+            except BaseException:
+                if db.in_transaction:
+                    db.execute("ROLLBACK")
+                raise
+
+    def close(self) -> None:
+        with self._using:
+            if self._db is not None:
+                with contextlib.suppress(sqlite3.Error):
+                    self._db.close()
+                self._db = None
+
+    def _opened(self) -> Database:
+        if self._db is not None and not self.path.exists():  # SQLite would write to a file that nobody can open any more
+            raise FileNotFoundError(errno.ENOENT, "it was removed")
+        if self._db is None:
+            if self.path.is_symlink() or self.path.exists():
+                expect_regular(self.path, Kind.STORE)
+            db = open_database(self.path, only_reads=False, busy_s=BUSY_S)
+            try:
+                if not db.expect_tables(COLUMNS):
+                    _create(db)
+                    sync_folder(self.path.parent)
+            except BaseException:
+                db.close()
+                raise
+            self._db = db
+        return self._db
+
+
+def _create(db: Database) -> None:
+    db.execute("PRAGMA journal_mode = WAL")
+    db.execute("BEGIN IMMEDIATE")
+    for statement in _CREATE:
+        db.execute(statement)
+    db.execute("COMMIT")
+
+
+@contextmanager
+def _as_os_error() -> Iterator[None]:
+    """A store that fails is handled as a file that fails."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise OSError(getattr(error, "sqlite_errorcode", 0), str(error)) from error
+
+
+# -- batches of earlier releases ----------------------------------------------------------------------------------------------
+
+OLD_JOURNAL: Final = "journal.jsonl"
+OLD_SPEC, OLD_RUN, OLD_RESULT, OLD_EVENTS = "job.json", "run.json", "said.json", "events.jsonl"
+_ADD_ATTEMPT: Final = "INSERT INTO attempt (name, spec, run, result, ended) VALUES (?, ?, ?, ?, ?)"
+
+
+def import_files(store: BatchStore, lines: list[bytes], attempts: list[Path]) -> None:
+    """Copy the lines of an old journal and the files of its attempts, once, in one transaction. Raises OSError."""
+    with store.transaction() as db:
+        if db.execute("SELECT 1 FROM journal LIMIT 1").fetchone():
+            return
+        db.executemany(ADD_LINE, [(line,) for line in lines])
+        for folder in attempts:
+            result = _old_text(folder / OLD_RESULT)
+            ended = None if result is None else (folder / OLD_RESULT).stat().st_mtime
+            spec = (_old_text(folder / OLD_SPEC) or "").encode()
+            db.execute(_ADD_ATTEMPT, (folder.name, spec, _old_text(folder / OLD_RUN), result, ended))
+            events = (_old_text(folder / OLD_EVENTS) or "").splitlines()
+            db.executemany(ADD_EVENT, [(folder.name, line) for line in events])
+
+
+def _old_text(path: Path) -> str | None:
+    with contextlib.suppress(OSError):
+        return read_foreign(path, Kind.JOURNAL).decode(errors="replace")
+    return None
