@@ -224,7 +224,7 @@ def test_an_outage_leaves_its_rows_and_says_that_the_station_may_be_another() ->
     qualities = [row[COLUMN["quality"]] for row in run.memory.samples]
     assert 5 <= qualities.count("disconnected") <= 8
     (back,) = run.memory.of_kind("link.back")
-    assert "whether it is the same one is not known" in back.text
+    assert "whether it is the same one cannot be told" in back.text
     assert_account_holds(run)
 
 
