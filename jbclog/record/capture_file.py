@@ -156,8 +156,8 @@ def packed(text: str, number: int, first_line: int, kin: int) -> bytes:
     data = text.encode()
     packer = zlib.compressobj(LEVEL, zlib.DEFLATED, -WINDOW, MEMORY)
     body = packer.compress(data) + packer.flush() + struct.pack("<II", zlib.crc32(data), len(data) & 0xFFFFFFFF)
-    told = FIXED, FIELD_BYTES + 4, FIELD_NAME, FIELD_BYTES, number, first_line, kin, HEAD.size + len(body)
-    return HEAD.pack(*told, _crc(HEAD.pack(*told, 0))) + body
+    header = FIXED, FIELD_BYTES + 4, FIELD_NAME, FIELD_BYTES, number, first_line, kin, HEAD.size + len(body)
+    return HEAD.pack(*header, _crc(HEAD.pack(*header, 0))) + body
 
 
 def has_head(number: int) -> bool:

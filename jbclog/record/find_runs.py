@@ -68,7 +68,7 @@ class _Summary:
 class Found:
     """A run. `state` is ``running``, ``crashed`` (`recover` finishes it) or ``sealed``.
 
-    `units` are all serials: named at the start, read meanwhile, told later. `recipes` are ``NAME@REVISION``.
+    `units` are all serials: named at the start, read during the run, added later. `recipes` are ``NAME@REVISION``.
     `changed` says what is wrong with the manifest: somebody, or a disk, changed it. `periods_s` are seconds between the ticks of
     each station that was sampled; None without pause.
     """
@@ -214,46 +214,46 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
         changed = why_changed(data)
         if changed is None and not wanted.may_be_in(data, has_annotations=(folder / ANNOTATIONS).exists()):
             return None
-        told = build(_Summary, json_of(data, in_utf8=True))
-        if told.state not in set(RunState) or told.schema > SCHEMA_VERSION:
+        summary = build(_Summary, json_of(data, in_utf8=True))
+        if summary.state not in set(RunState) or summary.schema > SCHEMA_VERSION:
             return Unreadable(folder, "its manifest is of a newer jbclog, or none")
-        if told.started is not None:
-            expect_year(datetime.fromisoformat(told.started).year)
-        for station in told.stations:
+        if summary.started is not None:
+            expect_year(datetime.fromisoformat(summary.started).year)
+        for station in summary.stations:
             expect_period(station.period_s)
-        return _found(folder, told, changed)
+        return _found(folder, summary, changed)
     except FileNotFoundError:
         return Unreadable(folder, "it has no manifest: cut off at its very start, or no run; `jbclog recover` finishes it")
     except (OSError, ValueError, AttributeError, RecursionError, RecordError) as error:
         return Unreadable(folder, f"its manifest cannot be read: {error}")
 
 
-def _found(folder: Path, told: _Summary, changed: str | None) -> Found:
-    state = told.state if told.state == SEALED else RUNNING if is_held(folder) else CRASHED
-    said = told.metadata
-    serials = [*said.units, *(unit.serial for unit in told.units), *(late_serials(folder) if state == SEALED else ())]
+def _found(folder: Path, summary: _Summary, changed: str | None) -> Found:
+    state = summary.state if summary.state == SEALED else RUNNING if is_held(folder) else CRASHED
+    metadata = summary.metadata
+    serials = [*metadata.units, *(unit.serial for unit in summary.units), *(late_serials(folder) if state == SEALED else ())]
     return Found(
         folder=folder,
         state=state,
-        started=told.started,
-        ended=told.ended,
-        line=None if told.line is None else told.line.name,
-        stations=tuple(station.name for station in told.stations),
-        recipes=tuple(f"{recipe.name}@{recipe.revision}" for recipe in told.recipes),
-        operator=said.operator,
-        order=said.order,
-        product=said.product,
+        started=summary.started,
+        ended=summary.ended,
+        line=None if summary.line is None else summary.line.name,
+        stations=tuple(station.name for station in summary.stations),
+        recipes=tuple(f"{recipe.name}@{recipe.revision}" for recipe in summary.recipes),
+        operator=metadata.operator,
+        order=metadata.order,
+        product=metadata.product,
         units=tuple(dict.fromkeys(serials)),
-        wire_lots=tuple(said.wire_lots),
-        flux_lots=tuple(said.flux_lots),
-        tips=tuple(said.tips),
-        tags=said.tags,
-        verdict=told.verdict,
-        exit_status=told.exit_status,
-        exit_code=told.exit_code,
-        lost=None if told.lost is None else told.lost.text,
+        wire_lots=tuple(metadata.wire_lots),
+        flux_lots=tuple(metadata.flux_lots),
+        tips=tuple(metadata.tips),
+        tags=metadata.tags,
+        verdict=summary.verdict,
+        exit_status=summary.exit_status,
+        exit_code=summary.exit_code,
+        lost=None if summary.lost is None else summary.lost.text,
         changed=changed,
-        periods_s={station.name: station.period_s for station in told.stations if station.first_tick is not None},
+        periods_s={station.name: station.period_s for station in summary.stations if station.first_tick is not None},
     )
 
 
