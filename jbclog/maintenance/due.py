@@ -1,4 +1,4 @@
-"""When a maintenance task is due: the pace of its counter, the forecast, how it stands."""
+"""When a maintenance task is due: the rate of its counter, the forecast, its state."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ WEEK: Final = 7 * DAY
 USUAL: Final = 0.6  # the variance of a week's use, of its square, long-run: with what it has in common with the weeks beside it
 USUAL_WEIGHT: Final = 6.0  # blocks that this counts as
 BLOCK: Final = 4  # weeks
-LEAST_DAYS: Final = 21.0  # of daily looks, before weekdays are told apart
+LEAST_DAYS: Final = 21.0  # of daily audits, before weekdays are distinguished
 LEAST_LASTED: Final = 2 * DAY
 
 Numbers = NDArray[np.float64]

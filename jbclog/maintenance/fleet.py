@@ -1,4 +1,4 @@
-"""The one value of an audit, and what it comes to."""
+"""The result of an audit, its findings and exit code."""
 
 from __future__ import annotations
 

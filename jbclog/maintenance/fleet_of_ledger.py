@@ -1,4 +1,4 @@
-"""From the ledger to the value of an audit."""
+"""Build the result of an audit from the ledger."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from jbclog.maintenance.weeks import weeks_of
 # Which station and which task somebody means, of those that a ledger and its files know; not found, the nearest names.
 
 USUAL: Final = ("tip-change", "cartridge-change", "pump-filter", "feeder-rollers", "feeder-cutter", "verification", "service")
-"""Tasks that can be told without a tasks file."""
+"""Tasks that can be recorded without a tasks file."""
 MOST_NEAR: Final = 3
 
 Place = tuple[str, str]
@@ -47,7 +47,7 @@ def place_of(wanted: str, book: Book, also: Iterable[Place] = ()) -> Place:
 
 
 def expect_port(port: int | None, place: Place, book: Book) -> None:
-    """Raise `UsageError` where the station, as it was seen last, has no such port: what is told of it would count for nothing."""
+    """Raise `UsageError` if the station, as last seen, has no such port."""
     last = next((one for one in reversed(book.observations) if one.seen and (one.line, one.station) == place), None)
     ports = sorted({count.port for count in last.counts}) if last is not None else []
     if port is not None and ports and port not in ports:
@@ -56,7 +56,7 @@ def expect_port(port: int | None, place: Place, book: Book) -> None:
 
 
 def task_of(wanted: str, book: Book, names: Sequence[str] | None = None) -> str:
-    """The task of that name, of the tasks file or else the usual ones, or that was told before. Raises `UsageError`."""
+    """Return the task of that name: from the tasks file, the usual tasks or the ledger. Raises `UsageError`."""
     known = {*STATED, *(fact.task for fact in book.facts), *(USUAL if names is None else names)}
     if wanted in known:
         return wanted

@@ -1,6 +1,6 @@
-"""The ledger of counter audits: a chained file, and what its lines look like.
+"""The ledger of counter audits: a chained file and the form of its lines.
 
-It may hold several lines' stations; they are told apart by line and name. A line that was changed or cut off is told with its
+It may hold several lines' stations; line and name identify them. A line that was changed or cut off is told with its
 number and counts for nothing; what comes behind it still counts, and is still added: an audit's values are not lost because
 somebody harmed the file. Whoever reads it has `wrong`, and ends with exit code 4 (`is_sound`).
 """

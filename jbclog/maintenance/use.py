@@ -1,4 +1,4 @@
-"""How a station was used: worked, hot for nothing, asleep, in error.
+"""How a station was used: working, idle while hot, asleep, in error.
 
 Every figure is of the differences between readings, with the range that they allow; what they cannot tell is null with a reason.
 Shares are of the time that the station was plugged in, over the last year at most.

@@ -1,4 +1,4 @@
-"""A station's year, week by week: port hours that it worked a day, for the plots of use.
+"""A station's year by week: port hours worked per day, for the plots of use.
 
 Readings are when they are. Between two of them the hours are spread evenly, which is marked where they are further apart than
 a week; a counter that just went on is uncertain by its resolution once, not with each reading.

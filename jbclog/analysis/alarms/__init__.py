@@ -1,4 +1,4 @@
-"""When a tool was beyond its alarm limits, by three witnesses: the station, the recorder, the record.
+"""When a tool was beyond its alarm limits, by three detectors: the station, the recorder, the record.
 
 Start with `state_machine.py`, then `state_machine.py` and `port_watch.py`; `live.py` and `from_record.py` feed the same code.
 Source: ISA-18.2 / IEC 62682 as OPC UA Part 9 has it (on and off delay, deadband, acknowledgement beside the state).

@@ -1,4 +1,4 @@
-"""From a record: the episodes of all three detectors. Of B they are those that the recorder told while it ran.
+"""The episodes of all three detectors, from a record. Those of B are the ones that the recorder reported.
 
 A, by the station's flags (`alarm.high`, `alarm.low`, `alarm.unconfirmed` and ``.ended``): it was raised between two readings
 of the flags and ended between two. After an answer that was lost (`alarm.unknown`) nobody knows whether it still stands; the

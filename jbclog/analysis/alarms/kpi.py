@@ -1,4 +1,4 @@
-"""Figures of the alarms of one station: how many, how dense, how many that nobody can use.
+"""Alarm KPIs of one station (ISA-18.2): rate, floods, chattering, fleeting and stale alarms.
 
 Definitions. *Rate*: alarms raised in any ten minutes, the greatest. *Flood*: it begins with more than `FLOOD_BEGINS` alarms in
 ten minutes and ends with fewer than `FLOOD_ENDS`. *Chattering*: one limit of one port raises `CHATTERING` alarms or more

@@ -1,4 +1,4 @@
-"""While a run is recorded: sees what goes into the record, and adds when an alarm on our samples is raised and clears.
+"""Detect alarms while a run is recorded, and add their start and end to the record.
 
 It only follows what the record gets, so a replay of the record comes to the same. A row within all limits costs one
 look-up and two comparisons.

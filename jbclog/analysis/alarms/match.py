@@ -1,4 +1,4 @@
-"""The three detectors side by side: what is one incident, and on what they do not agree.
+"""Match the episodes of the three detectors to incidents, and find where the detectors disagree.
 
 Episodes of one port and side belong together where their widest intervals overlap: from the last reading without to the first
 reading without again. A disagreement is a finding with a sentence: it says what may have been, not what was.

@@ -1,4 +1,4 @@
-"""One port, row by row: what its readings say of its alarms. The recorder and a replay of the record both feed this.
+"""Alarm states of one port, row by row. The recorder and the analysis of a record both feed it.
 
 Only rows in which temperature and status were read say anything; any other is a gap. Time is that of the grid, tick × period;
 without a grid (``--rate max``) it is UTC. Two readings follow each other where at most `GAP_PERIODS` periods lie between them
@@ -129,7 +129,7 @@ class PortWatch:
         return (time_us - self._us) / 1e6
 
     def _miss(self, tick: int, time_us: int) -> list[Told]:
-        """Nothing was read: after a while nobody knows whether an alarm still stands."""
+        """Note a missing reading; after a while it is not known whether an alarm is still active."""
         if self._since_last_s(tick, time_us) < self._rules.stale_s:
             return []
         return list(self._lose())

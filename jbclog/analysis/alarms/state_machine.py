@@ -1,4 +1,4 @@
-"""What an alarm on samples is, from when on it counts, its states and its episodes.
+"""Alarms on samples: definition, arming, states and episodes (ISA-18.2).
 
 ::
 
@@ -16,7 +16,7 @@ from enum import Enum, StrEnum
 from typing import Final
 
 # -- definition ---------------------------------------------------------------------------------------------------------------
-# What an alarm on our own samples is: a limit, how long it must be passed, and how far and long back it must come.
+# An alarm on samples: a limit, an on-delay, a deadband and an off-delay.
 #
 # Limit and delay are the station's, as read back (`settings`), so that both sides speak of the same thing. What no station
 # holds is in `Rules`. An alarm whose limit or delay is off or not known is not evaluated.
@@ -99,7 +99,7 @@ def bare(definition: Definition | None) -> Definition | None:
 
 
 # -- arming -------------------------------------------------------------------------------------------------------------------
-# From when on alarms count: from a tool's first arrival at its setting on, seen in the rows as the session sees it.
+# An alarm counts once the tool has first reached its setpoint, by the same rows as in the session.
 #
 # The same rule as `session/run/watch.py` (docs/reference/exit-codes.md): at work, and
 # within ±10 °C of the setting, or passed through it
@@ -149,7 +149,7 @@ class Arrival:
 
 
 # -- episode ------------------------------------------------------------------------------------------------------------------
-# One alarm from its onset to its end, both known only as an interval between two readings.
+# One alarm from start to end, each known as an interval between two readings.
 
 _EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 

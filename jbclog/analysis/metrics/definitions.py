@@ -1,4 +1,4 @@
-"""Every metric in words, with its unit: what a report prints beside the figures, in the order in which they are told."""
+"""Every metric with its unit and definition, in the order of the report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The figures of a port's joints: how many, and depth, deficit, dwell, heat, energy and recovery over all of them.
+"""Statistics of a port's joints: count, depth, deficit, dwell, heat, energy and recovery.
 
 Recovery is censored: of a joint that was followed by the next, or cut off, only how long it took at the least is known. Its
 median and its 95 % quantile are those of the product-limit estimate (E. L. Kaplan and P. Meier, Journal of the American

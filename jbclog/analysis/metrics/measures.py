@@ -1,4 +1,4 @@
-"""All metrics of one port, in the order of their definitions; each with its value, or with the reason why it has none."""
+"""All metrics of one port, in the order of their definitions, each with its value or the reason why it has none."""
 
 from __future__ import annotations
 

@@ -223,11 +223,6 @@ class IdleError:
         return None if isinstance(found, str) else (found.mean, found.sd)
 
 
-def idle_errors(block: Block, period_s: float) -> Floats:
-    """Temperature minus setpoint in °C of each idle reading of the block."""
-    return idle_readings(block, period_s)[1]
-
-
 def idle_readings(block: Block, period_s: float, rules: int = RULES) -> tuple[Floats, Floats]:
     """The seconds of each idle reading of the block, and its temperature minus setpoint in °C, by version `rules`."""
     setting = setting_in_force(block.seconds, block.setting)

@@ -1,4 +1,4 @@
-"""What happened to a station between two looks, and what that makes of each counter's difference.
+"""What happened to a station between two audits, and the resulting advance of each counter.
 
 A reset is supposed to set every counter of a port to zero. So it is shown by a counter that fell and cannot have rolled over, and
 ruled out by one that shows more than can have been counted since the last look. Where neither is so, nobody can know, and what

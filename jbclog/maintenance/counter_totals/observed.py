@@ -1,4 +1,4 @@
-"""What an audit saw of a station, and what is known of each kind of counter.
+"""What an audit reads of a station, and the properties of each kind of counter.
 
 Times are UTC as ISO 8601 with ``+00:00``. `seq` and `prev_sha256` are the ledger's and set when a line is added.
 """

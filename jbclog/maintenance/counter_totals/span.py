@@ -1,4 +1,4 @@
-"""A counter between two readings: how long it was, how far it went, what can have happened."""
+"""A counter between two readings: elapsed time, possible advance, possible events."""
 
 from __future__ import annotations
 

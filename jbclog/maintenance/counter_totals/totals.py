@@ -1,4 +1,4 @@
-"""The software odometer: how much was worked since the first audit, over resets, roll-overs and exchanged stations.
+"""The total use since the first audit, across resets, roll-overs and exchanged stations.
 
 What a counter shows is a whole step: 412 hours are 412.0 to 413.0. A series of readings that just went on is told by its first
 and last one, however many there were in between, so that its sum is as narrow as two readings are.

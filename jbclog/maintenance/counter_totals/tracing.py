@@ -1,4 +1,4 @@
-"""From a station's history to a trace of every counter.
+"""Trace every counter through a station's history.
 
 Where roll-overs are in doubt it is gone through twice: how fast the counters go, and in what ratio, is learned from all that is
 known at first sight.

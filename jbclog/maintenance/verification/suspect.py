@@ -1,11 +1,11 @@
-"""Which runs stood on a tip that turned out bad.
+"""The runs that used a tip which failed its verification.
 
 The *bad one* is the last verification that failed, of the station, port and tip that are asked for. What is *suspect* is every
 run that was on since the last one that passed before it, until the next that passed after it: nobody knows when in between it
 went bad. Where none passed before, that is from the beginning. A run is suspect for the ports that it recorded; one that names
 another tip for a port is not suspect for it, one that names none is.
 
-What cannot be read is told apart: nobody can say whether it is one of them.
+What cannot be read is listed separately: it may be one of them.
 """
 
 from __future__ import annotations

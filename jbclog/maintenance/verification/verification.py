@@ -1,4 +1,4 @@
-"""One verification of a tip against an external thermometer, and the station's own reading meanwhile.
+"""One verification of a tip against an external thermometer, with the station's own reading.
 
 *Offset*: the thermometer's reading minus the station's own. *Deviation from the setting*: the reading minus the selected
 temperature, where that is known. PASS where both are within the limit, either way; FAIL where one is not. The limit is ±15 °C

@@ -1,4 +1,4 @@
-"""The file of verifications, and which of them a run stands on.
+"""The file of verifications, and which of them a run cites.
 
 It lies there because that is what its runs are looked for in, and what a line's recorders share. Each line holds the SHA-256 of
 the one before it, the first one that of the file's name, and its own (`core/durable_files.py`). Each run carries the hash of the
