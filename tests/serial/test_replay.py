@@ -312,7 +312,7 @@ def test_wrong_usage(original: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
     for arguments, why in (
-        ([str(original), "--record", "again", "--dir", "x"], "--record serves nothing: leave out --dir and --tcp"),
+        ([str(original), "--record", "again", "--dir", "x"], "--record serves no stations: omit --dir and --tcp"),
         (["nowhere"], "there is no such folder"),
         (["empty"], "only a run recorded with --wire can be replayed"),
         ([str(original), "--dir", str(original)], "would be overwritten"),
