@@ -107,7 +107,7 @@ def test_the_first_run(bench: Path) -> None:
 def test_the_first_station(bench: Path, tmp_path: Path) -> None:
     (tmp_path / "virtual").symlink_to(bench / "virtual")
     failed, done = follow("tutorials/first-station.md", tmp_path, bench / "bin")
-    assert set(failed) <= {"1 doctor", "1 run"}, done.stderr  # of this machine's clock; of a tip still on its way
+    assert set(failed) <= {"1 doctor", "1 run"}, done.stderr  # of this machine's clock; of a tip still approaching
     assert load_line(tmp_path / "line.toml").stations[0].family == "dde"
     assert "No byte sent." in done.stdout
     assert ": no differences (fingerprint " in done.stdout

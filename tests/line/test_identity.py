@@ -97,7 +97,7 @@ def test_hours_go_on_while_it_is_away() -> None:
 
 
 def test_hot_air_is_known_by_its_plugged_hours() -> None:
-    """It tells no software (manual 001)."""
+    """The station does not report software (manual 001)."""
     run = hot_air(f"counters = {{ plugged_hours = {HOURS} }}\n" + AWAY, duration_s=20)
     run.at(5, lambda: plant(run).start_counts.update(plugged_hours=HOURS - 20.0))
     assert_gone(run.go(), f"a JTSE with {HOURS - 20} plugged hours on port 1, not the one with {HOURS}")

@@ -214,7 +214,7 @@ def verification_rule(facts: StationFacts, port: int, most_days: float, evidence
 def _seen(found: TipCheck | None, most_days: float, adjusted_c: float | None) -> tuple[float | str | None, Result, str]:
     if found is None or found.days is None or found.time is None:
         state = "none" if found is None else found.state
-        return state, Result.MISSING, "No valid verification of its tip is known." if found is None else found.text
+        return state, Result.MISSING, "No valid verification of its tip." if found is None else found.text
     made = f"The tip was last verified {_age(found.days)} before the run, at {found.time[:16]}Z, with {found.instrument}"
     if found.state == "fail":
         return "fail", Result.FAIL, f"{made}, and failed: {found.text}"

@@ -132,8 +132,8 @@ TAIL_C, CHANCE, FEW = 0.3, 2.0, 3
 LEAP_C = 50.0
 ENOUGH_ROWS, ENOUGH_S = 10, 3.0
 
-NOT_IDLE = "The tip was never at rest for long enough: in no pause did its temperature settle."
-NOT_SEEN_IDLE = "The tool was not seen idle for long enough to say."  # of rules 1 and 2
+NOT_IDLE = "The tip never rested long enough: its temperature did not settle in any pause."
+NOT_SEEN_IDLE = "The tool was not idle long enough."  # of rules 1 and 2
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ from jbclog.analysis.verdict.rules import has_feeder, has_tip, not_applicable
 from jbclog.core.rows import StationFacts
 
 RECOVERY, RECOVERED, AGAINST_COUNTER = "recovery_p95", "recovered_before_next", "joints_against_counter"
-NOT_SOUGHT = PortJoints(why="Its joints were not looked for.")
+NOT_SOUGHT = PortJoints(why="Joints were not searched.")
 
 
 def joint_rules(facts: StationFacts, port: int, acceptance: Acceptance, evidence: Evidence) -> Iterator[Rule]:
@@ -66,7 +66,7 @@ def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoint
     value = censored_quantile([(one.seconds, bool(one.back)) for one in told], SHARE)
     longer = sum(one.seconds > most_s for one in decided)
     if value is None:
-        text = f"After {late} of {len(decided)} joints the next one came before the tip was back."
+        text = f"After {late} of {len(decided)} joints the next one began before the tip recovered."
         is_broken = longer > (1 - SHARE) * len(decided)
         text = (
             f"{text} {longer} took longer than the {most_s:g} s allowed." if is_broken else f"{text} Their recovery is not known."
@@ -82,7 +82,7 @@ def _bounded_recovery(facts: StationFacts, port: int, most_s: float, value: floa
     told = [one.seconds if one is not None and one.back else None for one in counted]
     bound = upper_p95(told)
     bound = upper_p95([*told, *hidden]) if hidden and not isinstance(bound, str) else bound
-    text = f"{value:.2f} s until the tip is back, 95 % of {_joints(len(counted))}; {most_s:g} s allowed."
+    text = f"95 % of {_joints(len(counted))} recovered within {value:.2f} s, allowed {most_s:g} s."
     if value > most_s:
         kept = None if isinstance(bound, str) else bound
         return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.FAIL, text, kept)
@@ -92,7 +92,7 @@ def _bounded_recovery(facts: StationFacts, port: int, most_s: float, value: floa
         text = f"{text} {bound} {not_read(seen.unseen_s)}" if seen.hidden else f"{text} {bound}"
         return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.MISSING, text)
     if not bound.keeps(most_s):
-        text = f"{text} The 95 % bound reaches {bound.high:.2f} s: too little was seen to be sure."
+        text = f"{text} The 95 % bound is {bound.high:.2f} s: more joints are needed."
         return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.MISSING, text, bound)
     return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.PASS, text, bound)
 
@@ -109,7 +109,7 @@ def recovered_rule(facts: StationFacts, port: int, least: float, seen: PortJoint
         text = _unknown(seen) or _none_known(seen)
         return Rule(RECOVERED, facts.name, port, least, None, "%", Result.MISSING, text)
     percent = 100 * back / (back + late)
-    text = f"The tip was back before the next joint after {back} of {_joints(back + late)}; {least:g} % required."
+    text = f"Recovered before the next joint: {back} of {_joints(back + late)}, required {least:g} %."
     if 100 * (back + open_) / joints < least:
         result = Result.FAIL
     elif 100 * back / joints >= least or not open_:
@@ -137,7 +137,7 @@ def counter_rule(facts: StationFacts, port: int, most: float, seen: PortJoints) 
         text = _unknown(seen) or ("The feeder's counter was not read." if feeds is None else feeds.why or "Nothing was fed.")
         return Rule(AGAINST_COUNTER, facts.name, port, most, None, "%", Result.MISSING, text)
     percent = 100 * (feeds.found - feeds.counted) / feeds.counted
-    text = f"{feeds.found} joints found, {feeds.counted} feeds counted, {percent:+.2f} %; {most:g} % allowed either way."
+    text = f"{feeds.found} joints found, {feeds.counted} feeds counted: {percent:+.2f} %, allowed ±{most:g} %."
     if abs(percent) <= most:
         result = Result.PASS
     elif excuse := _excuse(feeds, most):
@@ -155,5 +155,5 @@ def _excuse(feeds: Feeds, most: float) -> str | None:
     if least - allowed <= counted <= highest + allowed:
         return "Joints at the first or the last reading of the counter can explain it."
     if feeds.lost_s and least - allowed <= counted:
-        return f"For {feeds.lost_s:.1f} s nothing was read; joints in that time can explain it."
+        return f"Nothing was read for {feeds.lost_s:.1f} s; joints in that time can explain it."
     return None

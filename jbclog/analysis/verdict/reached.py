@@ -210,39 +210,39 @@ Seen = tuple[Figure | None, Result, str]
 
 def _judged(limit: Limit, asks: Asks, heat: Heat | None) -> Seen:
     if heat is None or not heat.known:
-        return None, Result.MISSING, "Whether the tool was at work was never read."
+        return None, Result.MISSING, "The tool's status was never read."
     if heat.arrived_s is None:
         return _not_arrived(limit, asks, heat)
     for stretch in heat.stretches:
         if stretch.arrived_s is None and stretch.at_work_s >= ENOUGH_S and not stretch.is_approaching:
-            text = f"Tool or setting changed, and for {stretch.at_work_s:.0f} s at work it {_nearest(limit, stretch)}"
+            text = f"Tool or setpoint changed; in {stretch.at_work_s:.0f} s at work since then, the tool {_nearest(limit, stretch)}"
             return "not reached", Result.FAIL, text
     return _share(limit, heat)
 
 
 def _not_arrived(limit: Limit, asks: Asks, heat: Heat) -> Seen:
-    warmest = "" if heat.greatest_c is None else f"; {heat.greatest_c:.0f} °C was its highest"
+    warmest = "" if heat.greatest_c is None else f"; maximum {heat.greatest_c:.0f} °C"
     if not heat.stretches and not limit.told:
         if limit.percent == 0:
-            return None, Result.NOT_APPLICABLE, f"It was never at work, and the recipe does not ask that of it{warmest}."
-        ordered = "no [run] status" if asks.status is None else f'status = "{asks.status}"'
-        text = f"The recipe sets a temperature and {ordered}: the tool was never told to work and was not at work{warmest}."
+            return None, Result.NOT_APPLICABLE, f"Never at work, as the recipe allows{warmest}."
+        ordered = "has no [run] status" if asks.status is None else f'has status = "{asks.status}"'
+        text = f"The recipe sets a temperature but {ordered}: the tool was not ordered to work and was not at work{warmest}."
         return "not at work", Result.MISSING, text
     last = heat.stretches[-1] if heat.stretches else None
     if last is None:
         if heat.known_s < ENOUGH_S:
-            return "not at work", Result.MISSING, f"It was told to work and was seen for {heat.known_s:.1f} s only{warmest}."
-        return "not at work", Result.FAIL, f"It was told to work and was not seen at work with a temperature{warmest}."
-    text = f"It was at work for {heat.at_work_s:.1f} s and {_nearest(limit, last)}"
+            return "not at work", Result.MISSING, f"Ordered to work, but read for only {heat.known_s:.1f} s{warmest}."
+        return "not at work", Result.FAIL, f"Ordered to work, but never at work with a known temperature{warmest}."
+    text = f"In {heat.at_work_s:.1f} s at work, the tool {_nearest(limit, last)}"
     if heat.is_on_its_way:
-        return "not reached", Result.MISSING, f"{text} It was still on its way when the record of it ended."
+        return "not reached", Result.MISSING, f"{text} It was still approaching when its record ended."
     if (heat.known_s if limit.told else heat.at_work_s) < ENOUGH_S:
-        return "not reached", Result.MISSING, f"{text} That is too short to say; {ENOUGH_S:g} s are needed."
+        return "not reached", Result.MISSING, f"{text} That is too short; {ENOUGH_S:g} s are needed."
     return "not reached", Result.FAIL, text
 
 
 def _nearest(limit: Limit, stretch: Stretch) -> str:
-    nearest = "" if stretch.nearest_c is None else f"; {stretch.setting + stretch.nearest_c:.0f} °C was the nearest"
+    nearest = "" if stretch.nearest_c is None else f"; nearest {stretch.setting + stretch.nearest_c:.0f} °C"
     return f"did not come within {shown(limit.within_c)} °C of {stretch.setting:.0f} °C{nearest}."
 
 
@@ -253,14 +253,14 @@ def _share(limit: Limit, heat: Heat) -> Seen:
     percent = 100 * heat.working_since / due
     after = heat.arrived_s - (heat.first_s or 0.0)
     text = (
-        f"It reached {setting:.0f} °C after {after:.1f} s and was at work for {shown(floored(percent))} % of the time since; "
-        f"{shown(limit.percent)} % are asked."
+        f"Reached {setting:.0f} °C after {after:.1f} s; at work for {shown(floored(percent))} % of the time since, "
+        f"required {shown(limit.percent)} %."
     )
     allowed = allowed_misses(due, limit.percent)
     if due - heat.working_since <= allowed:
         return percent, Result.PASS, text
     if away <= allowed:
-        return percent, Result.MISSING, f"{text} For {shown(floored(100 * (due - heat.known_since) / due))} % of it nobody knows."
+        return percent, Result.MISSING, f"{text} Not known for {shown(floored(100 * (due - heat.known_since) / due))} % of it."
     if not limit.told:
-        return percent, Result.MISSING, f"{text} Nobody told it to work."
+        return percent, Result.MISSING, f"{text} The recipe did not order it to work."
     return percent, Result.FAIL, text

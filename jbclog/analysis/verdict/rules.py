@@ -45,23 +45,23 @@ WITH_FEEDER = ("ale",)
 
 RUN_ENDINGS = {
     "success": (Result.PASS, "The record runs from start to end."),
-    "aborted": (Result.DEVIATION, "The run was ended before its stated end; what was recorded until then is whole."),
-    "failed": (Result.DEVIATION, "The run ended with an error; what was recorded until then is whole."),
-    "lost": (Result.MISSING, "A crash ended the run: its last second and everything after it are not in the record."),
+    "aborted": (Result.DEVIATION, "Ended before its stated end; the record until then is complete."),
+    "failed": (Result.DEVIATION, "Ended with an error; the record until then is complete."),
+    "lost": (Result.MISSING, "A crash ended the run: the last second before it is missing from the record."),
 }
 STATION_ENDINGS = {
-    "completed": (Result.PASS, "It was recorded to the end."),
-    "stopped": (Result.FAIL, "It was stopped because a setting was found changed."),
-    "refused": (Result.MISSING, "It was refused before sampling began."),
-    "gone": (Result.MISSING, "It did not answer at the end."),
-    "not_started": (Result.MISSING, "It was ready and was not started."),
-    "left_out": (Result.DEVIATION, "The run was started without it, as was allowed."),
+    "completed": (Result.PASS, "Recorded to the end."),
+    "stopped": (Result.FAIL, "Stopped: a setting was changed during the run."),
+    "refused": (Result.MISSING, "Refused before sampling began."),
+    "gone": (Result.MISSING, "No answer at the end."),
+    "not_started": (Result.MISSING, "Ready, but not started."),
+    "left_out": (Result.DEVIATION, "The run started without it, as allowed."),
     "failed": (Result.MISSING, "Its recording failed."),
-    "running": (Result.MISSING, "It was being recorded when the record broke off."),
+    "running": (Result.MISSING, "The record broke off while it was recorded."),
 }
 CONFIDENCE = "confidence"
-JUDGED_BARE = 'The recipe judges bare figures (confidence = "none"): how certain they are is not part of the verdict.'
-NEVER_ANSWERED = "It was never reached."
+JUDGED_BARE = 'The recipe judges figures without their bounds (confidence = "none").'
+NEVER_ANSWERED = "The station never answered."
 
 
 def record_rule(evidence: Evidence) -> Rule:
@@ -99,19 +99,19 @@ def settings_rule(facts: StationFacts, outcomes: Outcomes) -> Rule:
     held = counts["confirmed"] + counts["unchanged"]
     observed = f"{held} of {asked}"
     if counts["mismatch"] or counts["refused"]:
-        return Rule("settings", station, None, "all read back", observed, "", Result.FAIL, "A setting is not what the recipe asks.")
+        return Rule("settings", station, None, "all read back", observed, "", Result.FAIL, "A setting differs from the recipe.")
     if held + len(lacking) < asked:
         return Rule("settings", station, None, "all read back", observed, "", Result.MISSING, "A setting could not be read back.")
     if not asked and facts.first_tick is None and facts.outcome != "completed":
-        text = "The record holds no setting of this station, written or read back."
+        text = "The record holds no setting of this station."
         return Rule("settings", station, None, "all read back", None, "", Result.MISSING, text)
     if lacking:
         names = ", ".join(name.replace("_", " ") for name in dict.fromkeys(lacking))
-        text = f"The recipe asks for what the station does not know: {names}. What it knows was read back as asked."
+        text = f"The station does not have: {names}. All other settings of the recipe are confirmed."
         return Rule("settings", station, None, "all read back", observed, "", Result.DEVIATION, text)
-    text = "Every setting of the recipe was read back as asked." if asked else "The recipe asks for no setting."
+    text = "Every setting of the recipe is confirmed." if asked else "The recipe sets nothing."
     if facts.outcome == "running":  # the record broke off; more may have been asked
-        text = "Every setting in the record was read back as asked."
+        text = "Every setting in the record is confirmed."
     return Rule("settings", station, None, "all read back", observed, "", Result.PASS, text)
 
 
@@ -137,7 +137,7 @@ def used_ports(facts: StationFacts, evidence: Evidence) -> list[int]:
     return [port for port in facts.ports if not never_had_a_tool(facts, port, evidence.port_ledger(facts.name, port))]
 
 
-NO_STATE_TOLD = "Every answer came without a digit behind its letter: it tells no state, and none is known."
+NO_STATE_TOLD = "Every answer lacked the digit of the state, so no state is known."
 
 
 def tells(facts: StationFacts, signal: str) -> bool:
@@ -175,7 +175,7 @@ def has_feeder(facts: StationFacts) -> bool:
 
 def not_applicable(name: str, station: str, port: int | None, limit: float, unit: str, what: str) -> Rule:
     """A limit about something that the station does not tell."""
-    text = f"It tells no {what}; the limit is not about it."
+    text = f"The station does not report {what}; the limit does not apply."
     return Rule(name, station, port, limit, None, unit, Result.NOT_APPLICABLE, text)
 
 
@@ -195,8 +195,8 @@ def port_rules(
         yield rule if by == 1 else _without_host(rule, facts, ledger)
     if acceptance.longest_gap_s is not None:
         seen = None if measure is None else measure.gap_s
-        without = f"without a {'temperature' if tells(facts, TEMPERATURE) else 'reading'} at the longest"
-        rule = _at_most("longest_gap", station, port, acceptance.longest_gap_s, seen, "s", without)
+        gap = f"Longest gap in {'temperature' if tells(facts, TEMPERATURE) else 'readings'}"
+        rule = _at_most("longest_gap", station, port, acceptance.longest_gap_s, seen, "s", gap)
         if seen is None and _any_says_no_state(facts, ledger):
             rule = replace(rule, text=NO_STATE_TOLD)
         yield rule if by == 1 else _gap_without_host(rule, measure)
@@ -244,7 +244,7 @@ def idle_rules(facts: StationFacts, port: int, acceptance: Acceptance, measure: 
         yield bounded(rule, mean_bound, bare=is_bare(acceptance))
     if acceptance.idle_sd_c is not None:
         spread = None if measure is None else measure.idle.sd_c
-        rule = _at_most("idle_sd", station, port, acceptance.idle_sd_c, spread, "°C", "of standard deviation while idle")
+        rule = _at_most("idle_sd", station, port, acceptance.idle_sd_c, spread, "°C", "Idle standard deviation")
         yield bounded(rule, sd_bound, bare=is_bare(acceptance))
 
 
@@ -271,7 +271,7 @@ def bounded(rule: Rule, bound: Bound | str | None, *, bare: bool = False) -> Rul
     assert isinstance(rule.limit, int | float)
     if bare or rule.result is Result.FAIL or bound.keeps(rule.limit):
         return replace(rule, bound=bound)
-    text = f"{rule.text} The 95 % bound reaches {_shown(_furthest(bound))} {rule.unit}: too little was seen to be sure."
+    text = f"{rule.text} The 95 % bound is {_shown(_furthest(bound))} {rule.unit}: a longer record is needed."
     return replace(rule, bound=bound, result=Result.MISSING, text=text)
 
 
@@ -286,16 +286,16 @@ def coverage_rule(facts: StationFacts, port: int, least: float, ledger: PortLedg
     due, counted = (sum(one.get(word, 0) for one in counts) for word in ("due", "ok"))
     there = 0 if measure is None else measure.readings
     if not due:
-        why = f"No reading of {what} was ever due."
+        why = f"{what}: no reading was due."
         if _any_says_no_state(facts, ledger):
             why = NO_STATE_TOLD
         return Rule("coverage", station, port, least, None, "%", Result.MISSING, why)
     if there != counted:
-        text = f"The ledger counts {counted} readings of {what}, the samples hold {there}."
+        text = f"{what}: the accounting has {counted} readings, the samples {there}."
         return Rule("coverage", station, port, least, None, "%", Result.MISSING, text)
     percent = 100 * there / due
     result = Result.PASS if percent >= least else Result.FAIL
-    text = f"{there} of {due} readings of {what} are there, {_shown(_floor(percent))} %; {_shown(least)} % are asked."
+    text = f"{what} coverage {_shown(_floor(percent))} % ({there} of {due}), required {_shown(least)} %."
     return Rule("coverage", station, port, least, percent, "%", result, text)
 
 
@@ -317,14 +317,14 @@ def _without_host(rule: Rule, facts: StationFacts, ledger: PortLedger) -> Rule:
     skipped = sum(skipped_by_host(facts, one.get(SKIPPED, 0)) for one in counts)
     allowed, few = allowed_misses(due, rule.limit), due < RESOLVES
     if due - there <= (0 if few and rule.observed < rule.limit else allowed):
-        kept = "" if rule.observed >= rule.limit else f" One reading is {_shown(100 / due)} %, so that is kept."
+        kept = "" if rule.observed >= rule.limit else f" One reading is {_shown(100 / due)} %: within the resolution."
         return replace(rule, result=Result.PASS, text=f"{rule.text}{kept}")
-    told = f"{rule.text} The computer was busy and skipped {skipped} of them." if skipped else rule.text
+    text = f"{rule.text} The computer was busy and skipped {skipped} of them." if skipped else rule.text
     if due - there - skipped > allowed:
-        return replace(rule, result=Result.FAIL, text=told)
+        return replace(rule, result=Result.FAIL, text=text)
     if due - there <= allowed:
-        return replace(rule, result=Result.MISSING, text=f"{told} {due} readings are too few to tell.")
-    text = f"{told} What was not read then is not known; less work on the computer, or a lower rate, helps."
+        return replace(rule, result=Result.MISSING, text=f"{text} {due} readings are too few to decide.")
+    text = f"{text} Their values are not known; less load on the computer, or a lower rate, helps."
     return replace(rule, result=Result.MISSING, text=text)
 
 
@@ -338,14 +338,14 @@ def _gap_without_host(rule: Rule, measure: PortMeasure | None) -> Rule:
     others = None if measure is None else measure.gap_of_others_s
     if rule.result is not Result.FAIL or others is None or not isinstance(rule.limit, int | float) or others > rule.limit:
         return rule
-    text = f"{rule.text} The computer was busy and skipped readings; without that it is {_shown(others)} s."
+    text = f"{rule.text} The computer was busy and skipped readings; without these it is {_shown(others)} s."
     return replace(rule, result=Result.MISSING, text=text)
 
 
 def _what_is_read(facts: StationFacts) -> str:
     if not tells(facts, TEMPERATURE):
-        return "its states"
-    return "the air" if "external_c" in facts.signals else "the tip"
+        return "State"
+    return "Air temperature" if "external_c" in facts.signals else "Tip temperature"
 
 
 def idle_error_rule(station: str, port: int, most: float, mean: float | None) -> Rule:
@@ -353,7 +353,7 @@ def idle_error_rule(station: str, port: int, most: float, mean: float | None) ->
     if mean is None:
         return _not_idle("idle_error", station, port, most)
     result = Result.PASS if abs(mean) <= most else Result.FAIL
-    text = f"{round(mean, 1) + 0.0:+.1f} °C from the setting on average while idle; {_shown(most)} °C allowed either way."
+    text = f"Idle error {round(mean, 1) + 0.0:+.1f} °C (mean), allowed ±{_shown(most)} °C."
     return Rule("idle_error", station, port, most, mean, "°C", result, text)
 
 
@@ -361,9 +361,9 @@ def _at_most(name: str, station: str, port: int, most: float, seen: float | None
     if seen is None and name == "idle_sd":
         return _not_idle(name, station, port, most)
     if seen is None:
-        return Rule(name, station, port, most, None, unit, Result.MISSING, "Nothing was recorded at all.")
+        return Rule(name, station, port, most, None, unit, Result.MISSING, "Nothing was recorded.")
     result = Result.PASS if seen <= most else Result.FAIL
-    return Rule(name, station, port, most, seen, unit, result, f"{_shown(seen)} {unit} {what}; {_shown(most)} {unit} allowed.")
+    return Rule(name, station, port, most, seen, unit, result, f"{what} {_shown(seen)} {unit}, allowed {_shown(most)} {unit}.")
 
 
 def _not_idle(name: str, station: str, port: int, most: float) -> Rule:
@@ -416,7 +416,7 @@ def unused_ports(facts: StationFacts, evidence: Evidence) -> Iterator[Rule]:
     """Ports that had no tool from start to end: recorded as such, and not judged."""
     for port in facts.ports:
         if never_had_a_tool(facts, port, evidence.port_ledger(facts.name, port)):
-            text = "There was no tool in the port; it was not put to work and is not judged."
+            text = "No tool in this port during the whole run; not judged."
             yield Rule("no_tool", facts.name, port, None, None, "", Result.DEVIATION, text)
 
 

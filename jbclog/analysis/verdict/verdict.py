@@ -118,7 +118,7 @@ def _station(
     yield from bare_rule(facts, acceptance)
     ports = used_ports(facts, evidence)
     if not ports:
-        yield Rule("ports", facts.name, None, "one at least", 0, "", Result.MISSING, "None of its ports was recorded with a tool.")
+        yield Rule("ports", facts.name, None, "one at least", 0, "", Result.MISSING, "No port was recorded with a tool.")
     ordered = read_ordered(evidence.folder)
     for port in ports:
         seen = measures.get((facts.name, port))
@@ -130,9 +130,9 @@ def _station(
             yield verification_rule(facts, port, acceptance.verification_days, evidence, adjusted)
         yield from joint_rules(facts, port, acceptance, evidence)
     if no_limit_applies(facts, acceptance):
-        yield not_judged(facts, "None of its recipe's limits is about what it tells; it is recorded and not judged.")
+        yield not_judged(facts, "None of its recipe's limits applies to it; recorded, not judged.")
     yield from unused_ports(facts, evidence)
 
 
 def _no_facts(station: str) -> Rule:
-    return Rule("station", station, None, "completed", None, "", Result.MISSING, "The record knows nothing of this station.")
+    return Rule("station", station, None, "completed", None, "", Result.MISSING, "The record has nothing of this station.")

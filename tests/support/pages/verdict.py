@@ -37,7 +37,7 @@ RULES: Mapping[str, tuple[str, str]] = {
     ),
     "settings": (
         "always",
-        "Every setting of the recipe was read back as asked. Refused or different: fails. Not read back: missing. Unknown to the "
+        "Every setting of the recipe is confirmed. Refused or different: fails. Not read back: missing. Unknown to the "
         "station: a deviation.",
     ),
     "ports": ("always", "At least one port was recorded with a tool."),

@@ -80,9 +80,9 @@ def test_coverage_and_gap_are_those_of_its_states(tmp_path: Path) -> None:
     lose(columns, slice(30, 36), "in_range")
     report = told(tmp_path, columns)
     coverage, gap = rule(report, "coverage"), rule(report, "longest_gap")
-    assert coverage["text"] == "342 of 360 readings of its states are there, 95 %; 99 % are asked."
+    assert coverage["text"] == "State coverage 95 % (342 of 360), required 99 %."
     assert coverage["result"] == "fail"
-    assert gap["text"] == "4 s without a reading at the longest; 3 s allowed."
+    assert gap["text"] == "Longest gap in readings 4 s, allowed 3 s."
     (port,) = report["stations"][0]["ports"]
     assert port["recorded"]["gaps"] == [{"from": port["recorded"]["gaps"][0]["from"], "seconds": 4.0, "why": "timeout"}]
 
@@ -93,13 +93,13 @@ def test_limits_about_what_it_does_not_tell_are_not_about_it(tmp_path: Path) -> 
     for name in ("idle_error", "idle_sd", "alarms"):
         assert rule(report, name)["result"] == "not applicable"
         assert rule(report, name)["observed"] is None
-        assert rule(report, name)["text"].startswith("It tells no ")
+        assert rule(report, name)["text"].startswith("The station does not report ")
 
 
 def test_a_recipe_none_of_whose_limits_is_about_it_is_no_plain_accept(tmp_path: Path) -> None:
     report = told(tmp_path, rows_of_states(), "idle_error_c = 15\n")
     assert report["verdict"]["word"] == "ACCEPT WITH DEVIATIONS"
-    assert "None of its recipe's limits is about what it tells" in report["verdict"]["reasons"][0]["text"]
+    assert "None of its recipe's limits applies to it" in report["verdict"]["reasons"][0]["text"]
 
 
 def test_nothing_read_at_all_is_never_accepted(tmp_path: Path) -> None:

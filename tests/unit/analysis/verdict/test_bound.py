@@ -143,7 +143,7 @@ def rule(observed: float, result: Result = Result.PASS) -> Rule:
 def test_a_bound_beyond_the_limit_is_missing_evidence() -> None:
     found = bounded(rule(4.8), Bound(None, 5.3, 100, 12.0))
     assert found.result is Result.MISSING
-    assert found.text.endswith("The 95 % bound reaches 5.3 °C: too little was seen to be sure.")
+    assert found.text.endswith("The 95 % bound is 5.3 °C: a longer record is needed.")
     assert bounded(rule(4.8), Bound(None, 4.99, 100, 12.0)).result is Result.PASS
     assert bounded(rule(5.2, Result.FAIL), Bound(None, 5.9, 100, 12.0)).result is Result.FAIL
     assert bounded(rule(-4.0), Bound(-5.2, -2.8, 100, 12.0)).result is Result.MISSING

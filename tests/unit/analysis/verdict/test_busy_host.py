@@ -33,7 +33,7 @@ def test_one_reading_of_194_does_not_fail_99_and_a_half(case: Any, tip: Callable
     assert coverage(case, 100.0) is Result.FAIL
     seen = rule(case, "coverage", Limits(coverage_percent=99.5))
     assert seen.text == (
-        "193 of 194 readings of the tip are there, 99.48 %; 99.5 % are asked. One reading is 0.52 %, so that is kept."
+        "Tip temperature coverage 99.48 % (193 of 194), required 99.5 %. One reading is 0.52 %: within the resolution."
     )
     assert rule(case, "coverage", Limits(coverage_percent=99.5), by=1).result is Result.FAIL
 
@@ -54,8 +54,8 @@ def test_what_the_computer_skipped_is_missing_evidence_and_no_reject(case: Any, 
     seen = rule(case, "coverage", limits)
     assert seen.result is Result.MISSING
     assert seen.text == (
-        "594 of 600 readings of the tip are there, 99 %; 99.5 % are asked. The computer was busy and skipped 6 of them. "
-        "What was not read then is not known; less work on the computer, or a lower rate, helps."
+        "Tip temperature coverage 99 % (594 of 600), required 99.5 %. The computer was busy and skipped 6 of them. "
+        "Their values are not known; less load on the computer, or a lower rate, helps."
     )
     assert judge(case.evidence(), {"a": limits}).verdict is Verdict.INCONCLUSIVE
     assert judge(case.evidence(), {"a": limits}, by=1).verdict is Verdict.REJECT
@@ -86,8 +86,7 @@ def test_a_gap_that_the_computer_made_is_no_reject(case: Any, tip: Callable[...,
     seen = rule(case, "longest_gap", Limits(longest_gap_s=3))
     assert seen.result is Result.MISSING
     assert seen.text == (
-        "4.5 s without a temperature at the longest; 3 s allowed. "
-        "The computer was busy and skipped readings; without that it is 0.5 s."
+        "Longest gap in temperature 4.5 s, allowed 3 s. The computer was busy and skipped readings; without these it is 0.5 s."
     )
     assert rule(case, "longest_gap", Limits(longest_gap_s=0.4)).result is Result.FAIL
     assert rule(case, "longest_gap", Limits(longest_gap_s=3), by=1).result is Result.FAIL
@@ -99,7 +98,7 @@ def test_nor_one_in_which_it_stood_still_and_left_no_rows(case: Any, tip: Callab
     facts.skipped, facts.last_tick = 80, 679
     seen = rule(case, "longest_gap", Limits(longest_gap_s=5))
     assert (seen.result, seen.observed) == (Result.MISSING, 9)
-    assert "without that it is 1 s" in seen.text
+    assert "without these it is 1 s" in seen.text
     facts.skipped = 0  # nobody stood still: rows are missing
     assert rule(case, "longest_gap", Limits(longest_gap_s=5)).result is Result.FAIL
 

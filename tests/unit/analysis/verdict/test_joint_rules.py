@@ -67,8 +67,8 @@ def test_the_figure_the_bound_and_n_stand_in_the_rule(case: Any, tip: Callable[.
     assert rule.observed == 1.5
     assert rule.bound is not None
     assert (rule.bound.high, rule.bound.n) == (2.6, 122)
-    start = "1.50 s until the tip is back, 95 % of 122 joints; 2.5 s allowed. "
-    assert rule.text == start + "The 95 % bound reaches 2.60 s: too little was seen to be sure."
+    start = "95 % of 122 joints recovered within 1.50 s, allowed 2.5 s. "
+    assert rule.text == start + "The 95 % bound is 2.60 s: more joints are needed."
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_a_line_whose_tip_never_recovers_is_no_pass(
     rule = the_rule(judged(case, tip, limits, PortJoints([LATE] * 488)))
     assert (rule.result, rule.observed) == (result, observed)
     if limits != RECOVERED:
-        assert "After 488 of 488 joints the next one came before the tip was back." in rule.text
+        assert "After 488 of 488 joints the next one began before the tip recovered." in rule.text
 
 
 @pytest.mark.parametrize(

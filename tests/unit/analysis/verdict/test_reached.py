@@ -41,8 +41,8 @@ def test_a_cold_tip_that_nobody_put_to_work_is_never_accepted(case: Any, tip: Ca
     rule = reached(case)
     assert (rule.result, rule.observed) == (Result.MISSING, "not at work")
     assert rule.text == (
-        "The recipe sets a temperature and no [run] status: the tool was never told to work and was not at work; "
-        "23 °C was its highest."
+        "The recipe sets a temperature but has no [run] status: the tool was not ordered to work and was not at work; "
+        "maximum 23 °C."
     )
     assert verdict(case) is Verdict.INCONCLUSIVE
     assert judge(case.evidence(), {"a": LIMITS}, by=1).verdict is Verdict.ACCEPT
@@ -60,7 +60,7 @@ def test_one_that_was_told_to_work_and_stays_cold_is_rejected(case: Any, tip: Ca
     case.ask("a", "working", 1)
     rule = reached(case)
     assert (rule.result, rule.observed) == (Result.FAIL, "not reached")
-    assert rule.text == "It was at work for 60.0 s and did not come within 10 °C of 350 °C; 23 °C was the nearest."
+    assert rule.text == "In 60.0 s at work, the tool did not come within 10 °C of 350 °C; nearest 23 °C."
     assert verdict(case) is Verdict.REJECT
 
 
@@ -75,7 +75,7 @@ def test_one_that_arrives_is_accepted_and_says_when(case: Any, tip: Callable[...
     case.ask("a", "working", 1)
     rule = reached(case)
     assert (rule.result, rule.limit, rule.observed, rule.unit) == (Result.PASS, 80.0, 100.0, "%")
-    assert rule.text == "It reached 350 °C after 15.9 s and was at work for 100 % of the time since; 80 % are asked."
+    assert rule.text == "Reached 350 °C after 15.9 s; at work for 100 % of the time since, required 80 %."
     assert verdict(case) is Verdict.ACCEPT
 
 
@@ -131,7 +131,7 @@ def test_a_run_that_ends_while_the_tool_heats_is_no_reject(case: Any, tip: Calla
     case.ask("a", "working", 1)
     rule = reached(case)
     assert rule.result is Result.MISSING
-    assert "still on its way" in rule.text
+    assert "still approaching" in rule.text
 
 
 def test_one_that_stopped_on_its_way_is(case: Any, tip: Callable[..., Any]) -> None:
@@ -139,7 +139,7 @@ def test_one_that_stopped_on_its_way_is(case: Any, tip: Callable[..., Any]) -> N
     one.temperature = [min(200, value) for value in one.temperature]
     case.station("a", one)
     case.ask("a", "working", 1)
-    assert "200 °C was the nearest" in reached(case).text
+    assert "nearest 200 °C" in reached(case).text
     assert verdict(case) is Verdict.REJECT
 
 
@@ -197,7 +197,7 @@ def test_what_was_not_read_is_neither_at_work_nor_not(case: Any, tip: Callable[.
     case.ask("a", "working", 1)
     rule = reached(case, Limits(coverage_percent=1))
     assert rule.result is Result.MISSING
-    assert "33.33 % of it nobody knows" in rule.text
+    assert "Not known for 33.33 % of it" in rule.text
 
 
 def test_ticks_without_rows_count_as_not_known(case: Any, tip: Callable[..., Any]) -> None:
@@ -226,7 +226,9 @@ def test_another_tool_has_to_arrive_too(case: Any, tip: Callable[..., Any]) -> N
     case.ask("a", "working", 1)
     rule = reached(case)
     assert rule.result is Result.FAIL
-    assert rule.text.startswith("Tool or setting changed, and for 30 s at work it did not come within 10 °C of 350 °C")
+    assert rule.text.startswith(
+        "Tool or setpoint changed; in 30 s at work since then, the tool did not come within 10 °C of 350 °C"
+    )
 
 
 def test_another_tool_that_arrives_or_is_there_for_seconds_only_is_fine(case: Any, tip: Callable[..., Any]) -> None:

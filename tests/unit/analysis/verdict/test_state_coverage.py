@@ -16,12 +16,12 @@ BARE = {"due": 10, "ok": 0, "no_digit": 9, "timeout": 1}
 @pytest.mark.parametrize(
     ("ledger", "readings", "result", "text"),
     [
-        ({"solder_shortage": BARE}, 0, Result.MISSING, "Every answer came without a digit"),
+        ({"solder_shortage": BARE}, 0, Result.MISSING, "Every answer lacked the digit"),
         ({"solder_shortage": BARE, "preparing": {"due": 10, "ok": 10}}, 10, Result.PASS, "10 of 10"),
         ({"solder_shortage": {"due": 10, "ok": 4, "no_digit": 6}}, 4, Result.FAIL, "4 of 10"),
         ({"solder_shortage": {"due": 10, "ok": 10}}, 10, Result.PASS, "10 of 10"),
         ({"solder_shortage": {"due": 10, "ok": 0, "timeout": 10}}, 0, Result.FAIL, "0 of 10"),
-        ({}, 0, Result.MISSING, "was ever due"),
+        ({}, 0, Result.MISSING, "no reading was due"),
     ],
 )
 def test_what_is_never_told_is_not_known_and_what_was_told_is_missed(

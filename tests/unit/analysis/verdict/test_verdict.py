@@ -41,7 +41,7 @@ def test_a_clean_run_is_accepted_and_every_rule_is_written_down(case: Any, tip: 
         "observed": 100.0,
         "unit": "%",
         "result": "pass",
-        "text": "600 of 600 readings of the tip are there, 100 %; 99.5 % are asked.",
+        "text": "Tip temperature coverage 100 % (600 of 600), required 99.5 %.",
         "bound": None,
     }
 
@@ -115,10 +115,10 @@ def test_why_a_station_ended_stands_in_its_rule(case: Any, tip: Callable[..., An
     facts = case.station("a", tip(), outcome="gone")
     facts.reason = "a: no answer within 3 s"
     found = rule(judge(case.evidence(), {"a": ALL}), "station", None)
-    assert found.text == "It did not answer at the end. No answer within 3 s."
+    assert found.text == "No answer at the end. No answer within 3 s."
     facts.first_tick = None
     found = rule(judge(case.evidence(), {"a": ALL}), "station", None)
-    assert found.text == "It was never reached. No answer within 3 s."
+    assert found.text == "The station never answered. No answer within 3 s."
 
 
 @pytest.mark.parametrize(
