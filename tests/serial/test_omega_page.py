@@ -35,5 +35,5 @@ def test_a_controller_that_says_a_and_no_more(tmp_path: Path) -> None:
     verdict = json.loads((folder / "report.json").read_text())["verdict"]
     coverage, gap = (rule for name in ("coverage", "longest_gap") for rule in verdict["rules"] if rule["name"] == name)
     assert (verdict["word"], run.returncode) == ("INCONCLUSIVE", 1)
-    assert coverage["text"] == "Every answer lacked the digit behind its letter: it tells no state, and none is known."
+    assert coverage["text"] == "Every answer lacked the digit of the state, so no state is known."
     assert (gap["result"], gap["text"]) == (coverage["result"], coverage["text"])

@@ -62,7 +62,7 @@ def test_the_recorder_judges_joints(soldered: Path) -> None:
     assert isinstance(bound, dict)
     assert bound["n"] == len(joints) - 1  # with the last one the record ended
     assert (counted["observed"], counted["result"]) == (0, "pass")
-    assert str(counted["text"]).startswith(f"{len(joints)} joints found, {len(joints)} feeds counted, ")
+    assert str(counted["text"]).startswith(f"{len(joints)} joints found, {len(joints)} feeds counted: ")
 
 
 def test_the_joints_judged_are_those_that_are_told(soldered: Path, monkeypatch: pytest.MonkeyPatch) -> None:

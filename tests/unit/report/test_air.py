@@ -120,7 +120,7 @@ def test_the_page_speaks_of_air_and_not_of_tips_and_alarms(folder: Path) -> None
         assert words in html
     assert "<dt>Alarms" not in html
     assert "Tip min–max" not in html
-    assert "Air temperature coverage 100 % (600 of 600)" in html
+    assert "Air temperature coverage 100\N{NO-BREAK SPACE}% (600 of 600)" in html
     assert "The station does not report alarm flags; the limit does not apply." in html
     verify_report(folder)
 
