@@ -74,7 +74,8 @@ def test_all_checks_end_where_one_is_vulnerable_and_say_in_the_last_line_what_wa
     (tmp_path / ".ci").mkdir()
     for code, last in ((0, "all checks hold; NOT AUDITED: away"), (1, "NOT AUDITED: away")):
         (tmp_path / ".ci" / "audit").write_text(f"print('two')\nprint('NOT AUDITED: away')\nraise SystemExit({code})\n")
-        done = ended("bash", "-euo", "pipefail", "-c", "\n".join(about), cwd=tmp_path, TOOLS=str(TOOLS))
+        task = 'poe() { "$TOOLS/python" ".ci/$1"; }'
+        done = ended("bash", "-euo", "pipefail", "-c", "\n".join([task, *about]), cwd=tmp_path, TOOLS=str(TOOLS))
         assert (done.stdout.splitlines()[-1], done.returncode) == (last, code)
 
 
@@ -170,4 +171,4 @@ def test_workflows_run_what_is_here_with_no_more_rights_than_they_need() -> None
             assert re.fullmatch(r"[\w./-]+@[0-9a-f]{40}", used), f"{name}: {used} is not pinned to a commit"
         for script in re.findall(r"\.ci/[\w.]+", text):
             assert (ROOT / script).exists(), f"{name}: {script}"
-    assert ".ci/audit --must" in texts["supply-chain.yml"]
+    assert "poe audit --must" in texts["supply-chain.yml"]

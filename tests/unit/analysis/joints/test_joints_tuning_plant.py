@@ -20,7 +20,7 @@ def test_joints_of_the_tuning_plant() -> None:
 @pytest.mark.parametrize("rated_w", [60.0, 130.0])
 def test_the_heat_capacity_of_the_tip_is_found(monkeypatch: pytest.MonkeyPatch, rated_w: float) -> None:
     """Nobody told it; in ‰·s/K it is the joules per kelvin over the watts of a per mille."""
-    monkeypatch.setattr("tuning_plant.Tip", lambda ambient_c, _: Tip(ambient_c, rated_w))
+    monkeypatch.setattr("support.plants.tuning_plant.Tip", lambda ambient_c, _: Tip(ambient_c, rated_w))
     models = [find_joints(series_of(trial(seed), 10.0)).model for seed in SEEDS[:6]]
     found = [0.0 if model is None else model.capacity for model in models]
     assert min(found) == pytest.approx(1000 * CAPACITY_J_PER_K / rated_w, rel=0.06)  # half of them have a second mass
