@@ -1,7 +1,7 @@
-"""A sealed run judged once more by its record, and its sealed verdict held against that.
+"""Judges a sealed run again from its record and compares the result with its sealed verdict.
 
-A verdict is held against the version of the rules that it was given by (`analysis/verdict/versions.py`). What this jbclog cannot
-judge as that version did is said, and nothing is said against the verdict for it.
+The comparison uses the version of the rules that gave the verdict (`analysis/verdict/versions.py`). Rules that this jbclog cannot
+apply as that version did are named and never count against the verdict.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ from jbclog.record.folder import recipe_copy
 from jbclog.record.manifest import Manifest
 
 Place = tuple[str, str | None, int | None]
-"""A rule: its name, station and port."""
+"""A rule's name, station and port."""
 
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """A sealed verdict against its record: where the two differ, and what could not be compared and why; a sentence each."""
+    """The comparison of a sealed verdict with its record: a sentence for each difference, and for what could not be compared."""
 
     differing: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
 
 
 def judge_again(folder: Path, manifest: Manifest, by: int | None = None, *, counts_lacking: bool = True) -> Judgement:
-    """Judge a sealed run by the copies of its recipes and by version `by` of the rules, its own where that is known.
+    """Judge a sealed run by the copies of its recipes and version `by` of the rules, by default its own.
 
-    A copy that cannot be read is missing evidence. `counts_lacking` as in `Evidence`.
+    An unreadable copy is missing evidence. `counts_lacking` as in `Evidence`.
     """
     recipes, unread = _recipes(folder, manifest)
     acceptance = {name: None if recipe is None else recipe.acceptance for name, recipe in recipes.items()}
@@ -68,17 +68,17 @@ def judge_again(folder: Path, manifest: Manifest, by: int | None = None, *, coun
 
 
 def own_version(manifest: Manifest) -> int:
-    """The version that the run was judged by; the latest where it is not known here."""
+    """Return the version of the rules that judged the run, or the latest if this jbclog does not know it."""
     return manifest.rules if is_known(manifest.rules) else RULES
 
 
 def is_cut_off(manifest: Manifest) -> bool:
-    """Whether a crash ended the recorder, so that the record's end was written by `recover`."""
+    """Whether a crash ended the recorder and `recover` wrote the record's end."""
     return manifest.exit_status == "lost"
 
 
 def held(folder: Path, manifest: Manifest) -> Held:
-    """A verdict that was given with the run, against what its record gives by the same version of the rules."""
+    """Compare a run's sealed verdict with the one that its record gives by the same version of the rules."""
     if manifest.verdict is None or is_cut_off(manifest):
         return Held()
     why = _why_not(folder, manifest)
@@ -94,12 +94,12 @@ def held(folder: Path, manifest: Manifest) -> Held:
 
 
 def _left(manifest: Manifest) -> list[str]:
-    """The rules of the sealed verdict that cannot be judged here as they were then."""
+    """Return the rules of the sealed verdict that this jbclog cannot apply as they were then."""
     return sorted({name for name, *_ in _results(manifest.verdict_rules)} & not_kept(manifest.rules))
 
 
 def _differing(manifest: Manifest, judgement: Judgement) -> list[tuple[str, str | None, str | None]]:
-    """What of a verdict was something else than its record gives: the rule, and both."""
+    """Return the rules whose result differs, each with the sealed and the new result."""
     before, now = _results(manifest.verdict_rules), _results(judgement.rules_as_dicts())
     gone = not_kept(manifest.rules)
     found = [(_named(place), before.get(place), now.get(place)) for place in {**before, **now} if place[0] not in gone]
@@ -109,7 +109,7 @@ def _differing(manifest: Manifest, judgement: Judgement) -> list[tuple[str, str 
 
 
 def _why_not(folder: Path, manifest: Manifest) -> str | None:
-    """Why nothing of the verdict can be given again; None where it can."""
+    """Return why the verdict cannot be recomputed; None where it can."""
     if not is_known(manifest.rules):
         return f"this jbclog knows rules 1 to {RULES}"
     unread = [facts for facts in _recipes(folder, manifest)[1] if _is_as_sealed(folder, manifest, facts)]
@@ -119,7 +119,7 @@ def _why_not(folder: Path, manifest: Manifest) -> str | None:
 
 
 def _recipes(folder: Path, manifest: Manifest) -> tuple[dict[str, Recipe | None], list[StationFacts]]:
-    """The recipe of each station, and the stations whose recipe cannot be read."""
+    """Return each station's recipe, and the stations whose recipe cannot be read."""
     recipes: dict[str, Recipe | None] = {}
     unread: list[StationFacts] = []
     for facts in manifest.stations:
@@ -131,7 +131,7 @@ def _recipes(folder: Path, manifest: Manifest) -> tuple[dict[str, Recipe | None]
 
 
 def _is_as_sealed(folder: Path, manifest: Manifest, facts: StationFacts) -> bool:
-    """Whether its recipe is, byte for byte, the one that ran: then it is this jbclog that does not take it."""
+    """Whether the recipe's copy is unchanged, so that this jbclog is what refuses it."""
     try:
         path = recipe_copy(folder, facts.recipe or "")
         found = hashlib.sha256(read_foreign(path, Kind.SETTINGS)).hexdigest()
@@ -141,9 +141,9 @@ def _is_as_sealed(folder: Path, manifest: Manifest, facts: StationFacts) -> bool
 
 
 def _results(rules: Sequence[object]) -> dict[Place, str]:
-    """The result of each rule."""
-    told = [rule for rule in rules if isinstance(rule, dict)]
-    return {(str(rule["name"]), rule["station"], rule["port"]): str(rule["result"]) for rule in told}
+    """Return the result of each rule."""
+    found = [rule for rule in rules if isinstance(rule, dict)]
+    return {(str(rule["name"]), rule["station"], rule["port"]): str(rule["result"]) for rule in found}
 
 
 def _named(place: Place) -> str:

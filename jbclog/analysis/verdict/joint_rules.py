@@ -1,18 +1,17 @@
-"""The rules about joints: how long the tip takes to be back, how often it is, and whether the feeder counted as many.
+"""The rules about joints: recovery time, share recovered before the next joint, and joints against the feeder's counter.
 
-*Recovery* is judged by the 95 % quantile over the joints of a port and by its upper bound (`quantile`): that of a joint is the
-time from its start until the tip is back at the level at which it rests (`analysis/joints/recovery.py`). A joint that the next one
-followed before that took longer than the time it had: it is censored in the quantile (`censored`) and counts as longer than any in
-the bound, as does one of which nothing is known; where more than 5 % are known to have taken longer than the limit, it is broken.
-What the record cut off says nothing.
+*Recovery* is judged by the 95 % quantile over a port's joints and its upper bound (`bounds.py`). A joint's recovery is the time
+from its start until the tip is back at its resting level (`analysis/joints/recovery.py`). A joint that the next one interrupts is
+censored in the quantile and counts as longer than any other in the bound, like one whose recovery is not known. If more than 5 %
+are known to exceed the limit, it is broken. Joints that the record cuts off do not count.
 
-*Recovered before the next*: the share of the joints after which the tip was back in time. It is no sample but all joints of the
-run; those that were cut off may be either, and the limit has to be kept whichever they are. So may those that nobody could see: one
-in each gap of the record, or as many as in the rest of the time. In the bound of the recovery these count as longer, too.
+*Recovered before the next* is the share of all joints of the run after which the tip recovered in time. Joints that were cut off,
+and joints that gaps may hide (one in each gap, or as many as in the rest of the time), can be either; the limit is kept only if
+it is kept both ways. In the bound of the recovery they count as longer, too.
 
-*Joints against the counter*: joints found minus dispensing cycles counted (R-DC), in per cent of these, between the first and the
-last reading of the counter; it holds where one feed makes one joint. A difference that joints in a gap of the record, or so near
-to a reading that their side is not known, can explain is missing evidence and breaks no limit.
+*Joints against the counter* is the number of joints found minus the dispensing cycles counted (R-DC), in per cent of the latter,
+between the first and last reading of the counter; it assumes one feed per joint. A difference that joints in a gap, or close to
+one of these readings, can explain is missing evidence.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ NOT_SOUGHT = PortJoints(why="Joints were not searched.")
 
 
 def joint_rules(facts: StationFacts, port: int, acceptance: Acceptance, evidence: Evidence) -> Iterator[Rule]:
-    """The rules about the joints of one port, as far as its recipe asks for them."""
+    """Yield the rules about a port's joints that its recipe states."""
     seen = evidence.joints.get((facts.name, port), NOT_SOUGHT)
     if acceptance.recovery_p95_s is not None:
         yield recovery_rule(facts, port, acceptance.recovery_p95_s, seen, bare=is_bare(acceptance))
@@ -42,7 +41,7 @@ def joint_rules(facts: StationFacts, port: int, acceptance: Acceptance, evidence
 
 
 def _unknown(seen: PortJoints) -> str | None:
-    """That joints are not known, or not all of them, and why; None where they are."""
+    """Return why joints are not known, or not all of them; None where they are."""
     if seen.why is None:
         return None
     return f"{'Not all joints are' if seen.recoveries else 'Joints are not'} known: {seen.why[:1].lower()}{seen.why[1:]}"
@@ -54,7 +53,7 @@ def _none_known(seen: PortJoints) -> str:
 
 
 def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoints, *, bare: bool = False) -> Rule:
-    """How long the tip takes to be back, 95 joints of 100."""
+    """Return the rule about the 95 % quantile of recovery."""
     if not has_tip(facts):
         return not_applicable(RECOVERY, facts.name, port, most_s, "s", "joints")
     told = [one for one in seen.recoveries if one is not None]
@@ -76,7 +75,7 @@ def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoint
 
 
 def _bounded_recovery(facts: StationFacts, port: int, most_s: float, value: float, seen: PortJoints, bare: bool) -> Rule:
-    """The rule with the bound of its quantile."""
+    """Return the rule with the bound of its quantile."""
     counted = [one for one in seen.recoveries if one is None or one.back is not None]
     hidden = [None] * seen.hidden
     told = [one.seconds if one is not None and one.back else None for one in counted]
@@ -98,7 +97,7 @@ def _bounded_recovery(facts: StationFacts, port: int, most_s: float, value: floa
 
 
 def recovered_rule(facts: StationFacts, port: int, least: float, seen: PortJoints) -> Rule:
-    """After how many joints the tip is back before the next one."""
+    """Return the rule about the share of joints that recovered before the next."""
     if not has_tip(facts):
         return not_applicable(RECOVERED, facts.name, port, least, "%", "joints")
     back = sum(one is not None and one.back is True for one in seen.recoveries)
@@ -129,7 +128,7 @@ def _joints(count: int) -> str:
 
 
 def counter_rule(facts: StationFacts, port: int, most: float, seen: PortJoints) -> Rule:
-    """Whether as many joints were found as the feeder counted feeds."""
+    """Return the rule that compares joints with the feeder's counter."""
     if not has_feeder(facts):
         return not_applicable(AGAINST_COUNTER, facts.name, port, most, "%", "dispensing cycles")
     feeds = seen.feeds
@@ -148,7 +147,7 @@ def counter_rule(facts: StationFacts, port: int, most: float, seen: PortJoints) 
 
 
 def _excuse(feeds: Feeds, most: float) -> str | None:
-    """What else than a miscount can explain the difference; None where nothing can."""
+    """Return an explanation of the difference other than a miscount, or None."""
     counted = feeds.counted or 0
     allowed = counted * most / 100
     least, highest = feeds.found - feeds.at_edges, feeds.found + feeds.beyond

@@ -1,14 +1,13 @@
-"""Whether a tool came to the temperature that its recipe sets, and stayed at work.
+"""The rule `reached`: the tool arrives at the temperature that its recipe sets, and stays at work.
 
-Definitions. A tool is *at work* while its status is working and not extractor (hot air: on). It *arrives* with the first reading
-at work that is within `reached_within_c` of the setting in force, or behind which it has passed through it. Tool and setting
-belong together: with another tool in the port, or another setting, it has to arrive anew; a stretch of less than `ENOUGH_S` at
-work is too short to ask that of. *At work since*: rows at work in per cent of those due from the first arrival to the end of the
-run; a row whose status was not read is neither at work nor not.
+A tool is *at work* while its status is working, not extractor (hot air: on). It *arrives* with the first reading at work within
+`reached_within_c` of the setpoint, or with the first one past the setpoint. A change of tool or setpoint requires a new arrival,
+unless the tool is at work for less than `ENOUGH_S` after it. *At work since* is the percentage of rows at work among those due
+from the first arrival to the end of the run; a row without a status counts as neither.
 
-A tool that was told to work and did not arrive breaks the rule, unless it was seen for less than `ENOUGH_S`, or was still on
-its way when the record ended (`APPROACH_C` nearer than `APPROACH_S` before). One that nobody put to work is missing evidence.
-Where `at_work_percent` is 0 nobody has to: then a tool that was never at work is not judged.
+A tool that was ordered to work and did not arrive breaks the rule, unless it was read for less than `ENOUGH_S` or was still
+approaching when the record ended (`APPROACH_C` nearer than `APPROACH_S` before). A tool that was never ordered to work is missing
+evidence; with `at_work_percent = 0` it is not judged.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from jbclog.analysis.verdict.rule import Figure, Result, Rule
 
 RULE: Final = "reached"
 WITHIN_C, AT_WORK_PERCENT = 10.0, 80.0
-"""What holds where `[acceptance]` does not say."""
+"""The defaults of `[acceptance]`."""
 ENOUGH_S: Final = 10.0
 APPROACH_S, APPROACH_C = 5.0, 1.0
 ORDERS_WORK: Final = ("working", "on")
@@ -181,7 +180,7 @@ class Heat:
 
 
 def _alike(tool: Floats, setting: Floats, usable: Flags) -> list[NDArray[np.int64]]:
-    """The usable rows, split where tool or setting changes."""
+    """Return the usable rows, split where tool or setpoint changes."""
     rows = np.flatnonzero(usable)
     if not len(rows):
         return []
@@ -192,7 +191,7 @@ def _alike(tool: Floats, setting: Floats, usable: Flags) -> list[NDArray[np.int6
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """What is asked: °C, per cent, and whether the recipe had the recorder tell the tool to work."""
+    """The limits in °C and per cent, and whether the recipe orders the tool to work."""
 
     within_c: float
     percent: float
@@ -200,7 +199,7 @@ class Limit:
 
 
 def reached_rule(station: str, port: int, limit: Limit, asks: Asks, heat: Heat | None) -> Rule:
-    """The rule of one port."""
+    """Return the rule of one port."""
     observed, result, text = _judged(limit, asks, heat)
     return Rule(RULE, station, port, limit.percent, observed, "%", result, text)
 

@@ -18,12 +18,9 @@ from jbclog.analysis.verdict.samples import SKIPPED, TEMPERATURE, WITHOUT_TIP, P
 from jbclog.analysis.verdict.versions import BOUNDS_HOLD
 from jbclog.core.rows import Goal, StationFacts
 
-# -- goal rules ---------------------------------------------------------------------------------------------------------------
-# Whether a run came to the number of units or joints that it was to end with; where two were wanted, either is enough.
-
 
 def goal_rules(evidence: Evidence) -> Iterator[Rule]:
-    """A line for each number. A run that fell short is whole in what it recorded, and not as planned."""
+    """Yield a rule for each goal (units, joints); of two goals one is enough. Falling short is a deviation."""
     is_met = any(goal.is_met for goal in evidence.goals)
     for goal in evidence.goals:
         yield Rule(f"goal_{goal.what}", None, None, goal.wanted, goal.reached, goal.what, _result(goal, is_met), goal.text)
@@ -36,8 +33,6 @@ def _result(goal: Goal, is_met: bool) -> Result:
         return Result.NOT_APPLICABLE
     return Result.MISSING if goal.reached is None else Result.DEVIATION
 
-
-# -- rules --------------------------------------------------------------------------------------------------------------------
 
 COUNTED_ALARMS = ("alarm.high", "alarm.low")
 COUNTED_SEVERITIES = ("error", "critical")
@@ -65,7 +60,7 @@ NEVER_ANSWERED = "The station never answered."
 
 
 def record_rule(evidence: Evidence) -> Rule:
-    """Whether the record runs to the end of the run."""
+    """Return the rule that the record covers the whole run."""
     if evidence.lost is not None:
         return Rule("record", None, None, "whole", evidence.exit_status, "", Result.MISSING, evidence.lost)
     unknown = (Result.MISSING, "How the run ended is not known.")
@@ -76,7 +71,7 @@ def record_rule(evidence: Evidence) -> Rule:
 def station_rules(
     facts: StationFacts, acceptance: Acceptance, evidence: Evidence, events: Sequence[Event], outcomes: Outcomes
 ) -> Iterator[Rule]:
-    """The rules that hold for a station as a whole."""
+    """Yield the rules about a station as a whole."""
     result, text = STATION_ENDINGS.get(facts.outcome, (Result.MISSING, "How it ended is not known."))
     if facts.outcome == "gone" and facts.first_tick is None:
         text = NEVER_ANSWERED
@@ -85,7 +80,7 @@ def station_rules(
         text = f"{text} {reason[:1].upper()}{reason[1:]}."
     seen = "cut off" if facts.outcome == "running" else facts.outcome
     yield Rule("station", facts.name, None, "completed", seen, "", result, text)
-    if facts.outcome == "left_out":  # there is nothing of it to judge
+    if facts.outcome == "left_out":
         return
     yield settings_rule(facts, outcomes)
     if acceptance.alarms_max is not None:
@@ -93,7 +88,7 @@ def station_rules(
 
 
 def settings_rule(facts: StationFacts, outcomes: Outcomes) -> Rule:
-    """Whether every setting of the recipe was read back as asked. What it asks of other families is not counted."""
+    """Return the rule that every setting of the recipe is confirmed. Settings of other families do not count."""
     station, counts, lacking = facts.name, outcomes.counts, outcomes.lacking
     asked = counts.total() + len(lacking)
     held = counts["confirmed"] + counts["unchanged"]
@@ -110,13 +105,13 @@ def settings_rule(facts: StationFacts, outcomes: Outcomes) -> Rule:
         text = f"The station does not have: {names}. All other settings of the recipe are confirmed."
         return Rule("settings", station, None, "all read back", observed, "", Result.DEVIATION, text)
     text = "Every setting of the recipe is confirmed." if asked else "The recipe sets nothing."
-    if facts.outcome == "running":  # the record broke off; more may have been asked
+    if facts.outcome == "running":  # the record broke off; the recipe may have had more
         text = "Every setting in the record is confirmed."
     return Rule("settings", station, None, "all read back", observed, "", Result.PASS, text)
 
 
 def alarms_rule(facts: StationFacts, most: int, evidence: Evidence, events: Sequence[Event]) -> Rule:
-    """Counts high and low alarms, where the station's flags were read at all."""
+    """Return the rule about the number of high and low alarms; missing evidence if the flags were never read."""
     if not tells(facts, "alarm_high"):
         return not_applicable("alarms", facts.name, None, most, "", "alarm flags")
     count = sum(event.kind in COUNTED_ALARMS and event.severity in COUNTED_SEVERITIES for event in events)
@@ -133,7 +128,7 @@ def alarms_rule(facts: StationFacts, most: int, evidence: Evidence, events: Sequ
 
 
 def used_ports(facts: StationFacts, evidence: Evidence) -> list[int]:
-    """The station's ports, without those that had no tool all along and so were never put to work."""
+    """Return the station's ports, without those that never had a tool."""
     return [port for port in facts.ports if not never_had_a_tool(facts, port, evidence.port_ledger(facts.name, port))]
 
 
@@ -141,12 +136,12 @@ NO_STATE_TOLD = "Every answer lacked the digit of the state, so no state is know
 
 
 def tells(facts: StationFacts, signal: str) -> bool:
-    """Whether it is a station that tells this signal; where the record does not say which it tells, it does."""
+    """Whether the station reports this signal; True if the record does not list its signals."""
     return not facts.signals or signal in facts.signals
 
 
 def no_limit_applies(facts: StationFacts, acceptance: Acceptance) -> bool:
-    """Whether every limit that is stated is about something that the station does not tell."""
+    """Whether no stated limit is about a signal of this station."""
     applies = {
         "coverage_percent": True,
         "longest_gap_s": True,
@@ -164,23 +159,23 @@ def no_limit_applies(facts: StationFacts, acceptance: Acceptance) -> bool:
 
 
 def has_tip(facts: StationFacts) -> bool:
-    """Whether joints show in what it tells: in temperature and power of a tip, which hot air and OMEGA do not have."""
+    """Whether joints show in its signals: hot air and OMEGA have no tip."""
     return facts.family not in WITHOUT_TIP
 
 
 def has_feeder(facts: StationFacts) -> bool:
-    """Whether it counts what it feeds."""
+    """Whether it counts feeds."""
     return facts.family in WITH_FEEDER
 
 
 def not_applicable(name: str, station: str, port: int | None, limit: float, unit: str, what: str) -> Rule:
-    """A limit about something that the station does not tell."""
+    """Return a rule about a signal that the station does not report."""
     text = f"The station does not report {what}; the limit does not apply."
     return Rule(name, station, port, limit, None, unit, Result.NOT_APPLICABLE, text)
 
 
 def never_had_a_tool(facts: StationFacts, port: int, ledger: PortLedger) -> bool:
-    """Whether every reading that a tool is needed for says that there was none."""
+    """Whether every reading of the temperature reported that no tool was present."""
     temperature = ledger.get("temperature_c", {})
     return port not in facts.touched and not temperature.get("ok") and bool(temperature.get("no_tool"))
 
@@ -188,7 +183,7 @@ def never_had_a_tool(facts: StationFacts, port: int, ledger: PortLedger) -> bool
 def port_rules(
     facts: StationFacts, port: int, acceptance: Acceptance, ledger: PortLedger, measure: PortMeasure | None, by: int
 ) -> Iterator[Rule]:
-    """The rules that hold for one port, in the order in which they are read."""
+    """Yield the rules about a port, in reading order."""
     station = facts.name
     if acceptance.coverage_percent is not None:
         rule = coverage_rule(facts, port, acceptance.coverage_percent, ledger, measure)
@@ -206,7 +201,7 @@ def port_rules(
 def heat_rules(
     facts: StationFacts, port: int, acceptance: Acceptance, evidence: Evidence, measure: PortMeasure | None, *, is_ordered: bool
 ) -> Iterator[Rule]:
-    """Whether the tool came to the temperature that the recipe sets; asked where it sets one, or names such a limit."""
+    """Yield the rule `reached`, where the recipe sets a temperature or states such a limit."""
     asks, percent = evidence.asks.get(facts.name, Asks()), acceptance.at_work_percent
     if port not in asks.heated and all(getattr(acceptance, name) is None for name in REACHED_LIMITS):
         return
@@ -220,13 +215,13 @@ def heat_rules(
 
 
 def bare_rule(facts: StationFacts, acceptance: Acceptance) -> Iterator[Rule]:
-    """Says that a station's figures are judged without their bounds, where its recipe asks for that."""
+    """Yield a note where the recipe judges figures without their bounds."""
     if is_bare(acceptance) and any(getattr(acceptance, name) is not None for name in ESTIMATED_LIMITS):
         yield Rule(CONFIDENCE, facts.name, None, BARE, None, "", Result.NOT_APPLICABLE, JUDGED_BARE)
 
 
 def idle_rules(facts: StationFacts, port: int, acceptance: Acceptance, measure: PortMeasure | None, by: int) -> Iterator[Rule]:
-    """How well the idle tip holds its setting."""
+    """Yield the rules about idle error and idle standard deviation."""
     station, (mean_bound, sd_bound) = facts.name, _bounds(measure, by)
     if by >= BOUNDS_HOLD and tells(facts, TEMPERATURE) and (measure is None or measure.idle.mean_c is None):
         for name, limit in (("idle_error", acceptance.idle_error_c), ("idle_sd", acceptance.idle_sd_c)):
@@ -249,7 +244,7 @@ def idle_rules(facts: StationFacts, port: int, acceptance: Acceptance, measure: 
 
 
 def _bounds(measure: PortMeasure | None, by: int) -> tuple[Bound | str | None, Bound | str | None]:
-    """The bounds of the idle error and of its spread; a sentence why there is none, or by rules that ask for none None."""
+    """Return the bounds of idle error and standard deviation: a sentence why there is none, or None where the rules need none."""
     if measure is None:
         return None, None
     if by < BOUNDS_HOLD:
@@ -259,10 +254,10 @@ def _bounds(measure: PortMeasure | None, by: int) -> tuple[Bound | str | None, B
 
 
 def bounded(rule: Rule, bound: Bound | str | None, *, bare: bool = False) -> Rule:
-    """The rule with the bound of its figure, or the sentence why it has none; the limit is kept when both keep it.
+    """Return the rule with the bound of its figure, or with the sentence why there is none.
 
-    One that the figure keeps and the bound does not, or that has no bound, is not known to be kept; unless figures are judged
-    `bare`. None: rules that asked for no bound.
+    The limit is kept if figure and bound keep it. If only the figure keeps it, or without a bound, evidence is missing, unless
+    figures are judged `bare`. A `bound` of None belongs to rules that need none.
     """
     if bound is None or rule.result is Result.MISSING:
         return rule
@@ -280,7 +275,7 @@ def _furthest(bound: Bound) -> float:
 
 
 def coverage_rule(facts: StationFacts, port: int, least: float, ledger: PortLedger, measure: PortMeasure | None) -> Rule:
-    """Readings of the temperature, or of the states, that are there, in per cent of those due; ledger and samples must agree."""
+    """Return the rule about readings of temperature or state obtained, in per cent of those due."""
     station, what = facts.name, _what_is_read(facts)
     counts = [one for signal in judged_signals(facts) if not says_no_state(one := ledger.get(signal, {}))]
     due, counted = (sum(one.get(word, 0) for one in counts) for word in ("due", "ok"))
@@ -304,12 +299,12 @@ def _any_says_no_state(facts: StationFacts, ledger: PortLedger) -> bool:
 
 
 def says_no_state(counts: Mapping[str, int]) -> bool:
-    """Whether a signal was answered and never told a state: an OMEGA that says a alone (003, 11.3.1). It is not judged."""
+    """Whether every answer lacked a state: an OMEGA that answers `a` alone (003, 11.3.1). Such a signal is not judged."""
     return bool(counts.get("no_digit")) and not counts.get("ok")
 
 
 def _without_host(rule: Rule, facts: StationFacts, ledger: PortLedger) -> Rule:
-    """The rule of coverage with the resolution of the run; what the computer skipped is missing evidence and breaks no limit."""
+    """Judge coverage with the run's resolution. Readings that the computer skipped are missing evidence and break no limit."""
     if not isinstance(rule.observed, float) or not isinstance(rule.limit, int | float):
         return rule
     counts = [one for signal in judged_signals(facts) if not says_no_state(one := ledger.get(signal, {}))]
@@ -329,12 +324,12 @@ def _without_host(rule: Rule, facts: StationFacts, ledger: PortLedger) -> Rule:
 
 
 def skipped_by_host(facts: StationFacts, skipped: int) -> int:
-    """How many of a signal's skipped readings the computer skipped; all of them where the record does not say."""
+    """Return how many of a signal's skipped readings the computer caused; all of them if the record does not say."""
     return skipped if facts.skipped_by_host is None else min(skipped, facts.skipped_by_host + facts.skipped)
 
 
 def _gap_without_host(rule: Rule, measure: PortMeasure | None) -> Rule:
-    """The rule of the longest gap; one that keeps its limit but for what the computer skipped is missing evidence."""
+    """Judge the longest gap. If only readings that the computer skipped break the limit, evidence is missing."""
     others = None if measure is None else measure.gap_of_others_s
     if rule.result is not Result.FAIL or others is None or not isinstance(rule.limit, int | float) or others > rule.limit:
         return rule
@@ -349,7 +344,7 @@ def _what_is_read(facts: StationFacts) -> str:
 
 
 def idle_error_rule(station: str, port: int, most: float, mean: float | None) -> Rule:
-    """The mean distance of the idle tip from its setting, either way."""
+    """Return the rule about the mean difference of the idle tip from its setpoint, in either direction."""
     if mean is None:
         return _not_idle("idle_error", station, port, most)
     result = Result.PASS if abs(mean) <= most else Result.FAIL
@@ -370,14 +365,11 @@ def _not_idle(name: str, station: str, port: int, most: float) -> Rule:
     return Rule(name, station, port, most, None, "°C", Result.MISSING, NOT_SEEN_IDLE)
 
 
-# -- deviations ---------------------------------------------------------------------------------------------------------------
-# What broke no limit and was still not as planned: it keeps a run from a plain ACCEPT, by name.
-#
-# Every event that is an error is either judged by a rule or named here; nothing severe passes unmentioned.
+# Deviations break no limit but keep a run from a plain ACCEPT. Every event that is an error is judged by a rule or listed here.
 
 NOT_AS_PLANNED = frozenset(
     {
-        "alarm.unconfirmed",  # a flag that no temperature bore out
+        "alarm.unconfirmed",  # a flag without a matching temperature
         "alarm.unknown",  # a lost answer: there may have been a flag
         "clock.step",
         "host.suspended",
@@ -388,7 +380,7 @@ NOT_AS_PLANNED = frozenset(
         "tool.changed",
     }
 )
-"""Kinds that are deviations at any severity from warning on."""
+"""Kinds of events that are deviations from severity warning on."""
 
 ENDINGS = ("station.completed", "station.stopped", "station.refused", "station.gone", "station.failed")
 AT_THE_START = ("station.not_started", "station.left_out")
@@ -397,7 +389,7 @@ SEVERE = ("error", "critical")
 
 
 def deviations(events: Sequence[Event]) -> Iterator[Rule]:
-    """One line for each kind of deviation on each port, with how often it happened and its first sentence."""
+    """Yield a rule for each kind of deviation on each port, with its number and the first event's text."""
     found: dict[tuple[str, str | None, int | None], list[Event]] = {}
     for event in events:
         if _deviates(event):
@@ -413,7 +405,7 @@ def _deviates(event: Event) -> bool:
 
 
 def unused_ports(facts: StationFacts, evidence: Evidence) -> Iterator[Rule]:
-    """Ports that had no tool from start to end: recorded as such, and not judged."""
+    """Yield a rule for each port that never had a tool; it is not judged."""
     for port in facts.ports:
         if never_had_a_tool(facts, port, evidence.port_ledger(facts.name, port)):
             text = "No tool in this port during the whole run; not judged."

@@ -1,8 +1,8 @@
-"""The versions of rules and methods. A manifest names the one that its run was judged by; without one it is 1.
+"""The versions of rules and methods. A manifest names the version that judged its run; without one it is 1.
 
-A sealed verdict is held against its own version. Where a later version changed a rule, either the earlier form of it is still
-here, or a run of an earlier version cannot be judged by that rule any more; then nothing is said against its verdict.
-To change a rule or a method: a new row with its name, and what becomes of the earlier form.
+A sealed verdict is compared by its own version. Where a later version changed a rule, the earlier form is either kept here or gone;
+runs of earlier versions are then no longer judged by that rule, which never counts against their verdict.
+To change a rule or a method, add a row with its name and whether the earlier form is kept.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import Final
 
 @dataclass(frozen=True, slots=True)
 class Version:
-    """One version. `changed`: rules that are new in it or find another figure than before, by name.
+    """A version. `changed` names the rules that are new in it or give other figures than before.
 
-    `keeps_earlier`: whether the judge can still do what these rules were before; but for those that are `gone`.
+    `keeps_earlier`: the earlier forms of these rules are kept, except those in `gone`.
     """
 
     number: int
@@ -26,7 +26,7 @@ class Version:
 
 
 BOUNDS_HOLD: Final = 3
-"""The version from which on a figure has a bound that holds where readings follow each other, and no limit is kept without one."""
+"""The first version with bounds corrected for autocorrelation, and in which a limit needs a bound."""
 
 OF_JOINTS: Final = ("recovery_p95", "recovered_before_next", "joints_against_counter")
 
@@ -59,15 +59,15 @@ VERSIONS: Final = (
     ),
 )
 RULES: Final = VERSIONS[-1].number
-"""By which runs are judged from now on."""
+"""The version that judges new runs."""
 
 
 def is_known(number: int) -> bool:
-    """Whether it is one of `VERSIONS`; a later jbclog has more."""
+    """Whether this jbclog knows the version."""
     return any(one.number == number for one in VERSIONS)
 
 
 def not_kept(number: int) -> frozenset[str]:
-    """The rules of version `number` that cannot be judged here as they were then."""
+    """Return the rules of version `number` whose form of that time is gone."""
     later = [one.gone if one.keeps_earlier else one.changed for one in VERSIONS if one.number > number]
     return frozenset().union(*later)
