@@ -125,7 +125,7 @@ def test_every_97th_byte_of_a_report_and_of_every_file_beside_it(reported: Path,
 
 
 @pytest.mark.campaign
-@pytest.mark.timeout(3600)
+@pytest.mark.timeout(3 * 3600)
 def test_every_byte_of_every_file(run: Path, counted: Callable[..., None]) -> None:
     count = sum(path.stat().st_size for path in files(run))
     print(f"{count} bytes in {len(files(run))} files")

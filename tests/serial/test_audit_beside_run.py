@@ -91,7 +91,7 @@ def test_the_run_was_first(bench: Bench) -> None:
         assert bench.seen.source.startswith("run:")
         if not bench.seen.seen:
             assert code == 3
-            assert "it was left alone. Audit again in a minute" in notes
+            assert "it was not read. Audit again in a minute" in notes
         assert until(lambda: is_sampling(bench.folder / "runs"))
         assert bench.audit() == (0, "")
         assert (bench.seen.seen, bench.seen.source.startswith("run:")) == (True, True)

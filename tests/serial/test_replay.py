@@ -313,7 +313,7 @@ def test_wrong_usage(original: Path, tmp_path: Path, monkeypatch: pytest.MonkeyP
     (tmp_path / "empty").mkdir()
     for arguments, why in (
         ([str(original), "--record", "again", "--dir", "x"], "--record serves no stations: omit --dir and --tcp"),
-        (["nowhere"], "there is no such folder"),
+        (["nowhere"], "no such folder"),
         (["empty"], "only a run recorded with --wire can be replayed"),
         ([str(original), "--dir", str(original)], "would be overwritten"),
     ):

@@ -65,8 +65,13 @@ def test_it_is_judged_by_its_own_rules_again_to_the_last_one(archive: Path, tmp_
     manifest = read_manifest(folder)
     if manifest.exit_status != "lost" and manifest.rules == 1:
         gone = versions.not_kept(1)
-        again = [rule for rule in judge_again(folder, manifest).rules_as_dicts() if rule["name"] not in gone]
-        assert again == [rule for rule in manifest.verdict_rules if rule["name"] not in gone]
+        again = [without_text(rule) for rule in judge_again(folder, manifest).rules_as_dicts() if rule["name"] not in gone]
+        assert again == [without_text(rule) for rule in manifest.verdict_rules if rule["name"] not in gone]
+
+
+def without_text(rule: dict[str, object]) -> dict[str, object]:
+    """A rule's figures and result: its sentence may be worded anew."""
+    return {name: value for name, value in rule.items() if name != "text"}
 
 
 def test_a_report_that_was_changed_since_is_found_whoever_made_it(tmp_path: Path) -> None:
