@@ -275,7 +275,7 @@ def main() -> None:
     first, stride = int(sys.argv[5]), int(sys.argv[6])
     disk = Disk()
     run_record.seal_in_child = _seal  # a child process would take a second for it
-    LiveStore._write_on = lambda self: None  # type: ignore[method-assign]  # the virtual clock commits
+    LiveStore._write_loop = lambda self: None  # type: ignore[method-assign]  # the virtual clock commits
     if scenario == "recover":
         (home / "base").mkdir()
         in_child(lambda: cut_off(home / "base"))
