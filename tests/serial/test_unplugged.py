@@ -84,7 +84,7 @@ def test_a_device_is_unplugged_in_the_middle_of_writing() -> None:
         far_end = threading.Thread(target=_listen_then_unplug, args=(far,))
         far_end.start()
         with pytest.raises(LinkError):
-            _write_loop(port)
+            _write_on(port)
         far_end.join()
         port.close()
 
@@ -94,7 +94,7 @@ def _listen_then_unplug(far: Terminal) -> None:
     far.unplug()
 
 
-def _write_loop(port: Port, data: bytes = QUESTION) -> None:
+def _write_on(port: Port, data: bytes = QUESTION) -> None:
     while True:
         port.write(data)
 
@@ -109,7 +109,7 @@ def test_a_line_that_takes_nothing_more_is_lost_and_does_not_block() -> None:
         port = open_port(far.url, LINE)
         began = time.monotonic()
         with pytest.raises(LinkError, match="write buffer full"):
-            _write_loop(port)  # nobody reads at the far end
+            _write_on(port)  # nobody reads at the far end
         assert time.monotonic() - began < 30
         port.close()
 
@@ -265,7 +265,7 @@ def test_closing_does_not_wait_for_a_connection_that_lingers() -> None:
             same.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\x14\0\0\0")  # close() blocks for up to 20 s
         assert far.client
         with pytest.raises(LinkError, match="write buffer full"):
-            _write_loop(port, bytes(4096))
+            _write_on(port, bytes(4096))
         began = time.monotonic()
         port.close()
         assert time.monotonic() - began < CLOSE_S + 10
@@ -275,7 +275,7 @@ def test_bytes_that_the_far_end_never_took_do_not_hold_up_closing() -> None:
     with terminal() as far:
         port = open_port(far.url, LINE)
         with pytest.raises(LinkError, match="write buffer full"):
-            _write_loop(port)
+            _write_on(port)
         began = time.monotonic()
         port.close()
         assert time.monotonic() - began < CLOSE_S + 10
