@@ -52,8 +52,10 @@ class LeaseWriter:
 
     def _write_on(self) -> None:
         while True:
-            with suppress(Exception):
+            try:  # not `suppress`: to make one takes memory, and a refusal there would end this thread
                 self._write_next()
+            except Exception:
+                self._is_written = False
 
     def _write_next(self) -> None:
         with self._changed:

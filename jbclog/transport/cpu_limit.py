@@ -11,7 +11,7 @@ import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from threading import Event, Thread
+from threading import Lock, Thread
 from typing import Final
 
 LIMIT_S: Final = 10.0  # of CPU time, all threads together
@@ -21,14 +21,15 @@ RENEW_S: Final = 1.0
 @contextmanager
 def cpu_limit(seconds: float = LIMIT_S, every_s: float = RENEW_S) -> Iterator[None]:
     """Enforce the limit inside the ``with``; a thread renews it as long as Python code runs."""
-    over = Event()
+    ending = Lock()  # no `Event`: refused memory in its `wait` would leave its own lock held, for ever
+    ending.acquire()
 
     def renew() -> None:
         is_over = False
         while not is_over:
             try:
                 signal.setitimer(signal.ITIMER_PROF, seconds)
-                is_over = over.wait(every_s)
+                is_over = ending.acquire(timeout=every_s)
             except MemoryError:
                 time.sleep(every_s)  # needs no memory
 
@@ -38,7 +39,7 @@ def cpu_limit(seconds: float = LIMIT_S, every_s: float = RENEW_S) -> Iterator[No
     try:
         yield
     finally:
-        over.set()
+        ending.release()
         if thread.ident is not None:
             thread.join()
         signal.setitimer(signal.ITIMER_PROF, 0.0)

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import pytest
 
+from support import program
 from support.faults.starved import ALWAYS, RECORDER, TAKING_OVER, WATCHING, Starving
 from support.virtual.served_line import ServedLine
 
@@ -71,6 +72,19 @@ def test_again_and_again(
     counted(**{f"{name} safe within ms at the latest": round(1000 * max((one.safe_s for one in refused), default=0.0))})
 
 
+@pytest.mark.parametrize("part", ["lease_writer", "limit"])
+def test_one_refusal_ends_no_thread_of_the_guard_and_leaves_none_waiting(part: str, tmp_path: Path, starving_library: Path) -> None:
+    more = {"FAILING_ALLOC": str(tmp_path), "FAILING_ALLOC_IN": "refused_once", "XDG_STATE_HOME": str(tmp_path)}
+    done = subprocess.run(
+        program("faults.refused_once", part, tmp_path),
+        env={**os.environ, **more, "LD_PRELOAD": str(starving_library), "PYTHONMALLOC": "malloc"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "[]\n"
+
+
 def test_the_library_refuses_what_it_is_asked_to(tmp_path: Path, starving_library: Path) -> None:
     """A program that asks for a thousand objects gets all but one."""
     code = "import mmap, os, struct, sys; f = open(f'{sys.argv[1]}/{os.getpid()}', 'r+b'); m = mmap.mmap(f.fileno(), 32)\n"
@@ -83,7 +97,6 @@ def test_the_library_refuses_what_it_is_asked_to(tmp_path: Path, starving_librar
         "FAILING_ALLOC": str(tmp_path),
         "FAILING_ALLOC_IN": "mmap",
     }
-    more["FAILING_ALLOC_IN"] = "mmap"
     done = subprocess.run(
         [sys.executable, "-c", code, str(tmp_path)], env={**os.environ, **more}, capture_output=True, text=True, check=True
     )
