@@ -28,7 +28,7 @@ from jbclog.analysis.spc.refusal import there_are
 from jbclog.analysis.trend import metric_unit, trends
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import build
+from jbclog.core.foreign.json_reader import builder
 
 if TYPE_CHECKING:
     from jbclog.analysis.run import Run
@@ -404,6 +404,9 @@ class Limits:
         return next((one for one in self.limits if (one.station, one.port) == series.place), None)
 
 
+_build_limits: Final = builder(Limits)
+
+
 def learn(series: Series) -> Fixed | spc.Refused:
     """The limits of one feature, where it is stable and a distribution fits it."""
     chart = too_many_late(series.late, len(series.values)) or spc.phase_one(series.values, resolution=series.resolution)
@@ -429,7 +432,7 @@ def read_limits(path: Path) -> tuple[Limits, str]:
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
     try:
-        limits = build(Limits, json.loads(data))
+        limits = _build_limits(json.loads(data))
     except (ValueError, RecursionError) as error:
         raise RecordError(f"{path} is no file of control limits; `jbclog limits learn` writes one") from error
     if limits.format != FORMAT or any(not one.lower < one.centre < one.upper for one in limits.limits):

@@ -14,7 +14,7 @@ from typing import Final
 
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import build, json_of
+from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.locks import try_lock
 from jbclog.core.serial_line import is_one_port
 
@@ -63,10 +63,13 @@ class StationLease:
     def from_json(cls, text: str | bytes) -> StationLease:
         """Parse a lease. Raises ValueError, also for a key of a later version: it may forbid what this version would do."""
         plain = json_of(text)
-        lease = build(cls, plain)
+        lease = _build_station_lease(plain)
         if unknown := plain.keys() - {one.name for one in fields(cls)}:
             raise ValueError(f"unknown keys {', '.join(sorted(unknown))}")
         return lease
+
+
+_build_station_lease: Final = builder(StationLease)
 
 
 def write_leases(folder: Path, stations: Iterable[StationLease]) -> None:

@@ -25,7 +25,7 @@ import pyarrow.compute as pc
 from jbclog.core.durable_files import add_line, chain_in, fields_of, first_faults, line_of, lines_in, sha256
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import build, json_of
+from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.record.manifest import Unit, iso
 from jbclog.record.parts import row_groups
 
@@ -51,6 +51,9 @@ class Annotation:
     what: str
     why: str
     prev_sha256: str
+
+
+_build_annotation: Final = builder(Annotation)
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +135,7 @@ def _report_in(said: Annotation) -> str:
 def _parsed(line: bytes) -> Annotation | None:
     """Parse a line; None unless it is, byte for byte, what `append` writes."""
     try:
-        said = build(Annotation, fields_of(line))
+        said = _build_annotation(fields_of(line))
         return said if _is_complete(said) and line_of(asdict(said)) == line else None
     except ValueError:
         return None

@@ -36,7 +36,7 @@ from typing import Final
 from jbclog.core.capture_rows import CaptureRow
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, expect_regular, is_plain_folder, open_foreign
-from jbclog.core.foreign.json_reader import build, expect_moment, json_of
+from jbclog.core.foreign.json_reader import builder, expect_moment, json_of
 from jbclog.record.capture_file import FIXED, Block, Gap, blocks, row_of
 
 FOLDER: Final = "wire"
@@ -64,6 +64,9 @@ class Head:
     allow_missing: bool = False
     jbclog: str = ""
     format: int = FORMAT
+
+
+_build_head: Final = builder(Head)
 
 
 def wire_path(folder: Path, station: str) -> Path:
@@ -127,7 +130,7 @@ def _head(path: Path) -> Head:
                 raise ValueError("its columns are others")
             _, what, data = (*block.text.removeprefix(COLUMNS).partition("\n")[0].split("\t"), "", "", "")[:3]
             if what == RUN:
-                return _believed(build(Head, json_of(data)), path)
+                return _believed(_build_head(json_of(data)), path)
             if block.first_line == 1:
                 raise ValueError("it does not say of what run it is")
     raise ValueError(_why_none(path))

@@ -20,7 +20,7 @@ import pyarrow.compute as pc
 from jbclog.core.durable_files import sync_folder
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
-from jbclog.core.foreign.json_reader import build, json_of
+from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.foreign.tables import metadata_of, open_table
 from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import EventRow, Severity, StationFacts
@@ -44,6 +44,8 @@ from jbclog.record.parts import (
 from jbclog.record.schema import TABLES
 from jbclog.record.store import companions, segments
 from jbclog.record.store_reader import StoreReader
+
+_build_station_facts: Final = builder(StationFacts)
 
 # Whether a tool was made safe is not known if recorder and guard both died, without a guard, or if the guard could not log its
 # actions. The open lease and the sessions' last facts name these tools.
@@ -269,7 +271,7 @@ def known_stations(store: StoreReader, known: list[StationFacts]) -> list[Statio
         if name in facts and facts[name].outcome != RUNNING:
             continue
         try:
-            facts[name] = build(StationFacts, json_of(text))
+            facts[name] = _build_station_facts(json_of(text))
         except ValueError as error:
             raise RecordError(f"{store.folder}: the facts of station {name} cannot be read: {error}") from error
     return list(facts.values())

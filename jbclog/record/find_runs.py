@@ -20,7 +20,7 @@ from typing import Final
 
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
-from jbclog.core.foreign.json_reader import build, expect_period, expect_year, json_of
+from jbclog.core.foreign.json_reader import builder, expect_period, expect_year, json_of
 from jbclog.core.locks import is_held
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import late_serials
@@ -62,6 +62,9 @@ class _Summary:
     units: list[Unit] = field(default_factory=list)
     stations: list[_Station] = field(default_factory=list)
     lost: Lost | None = None
+
+
+_build_summary: Final = builder(_Summary)
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +217,7 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
         changed = why_changed(data)
         if changed is None and not wanted.may_be_in(data, has_annotations=(folder / ANNOTATIONS).exists()):
             return None
-        summary = build(_Summary, json_of(data, in_utf8=True))
+        summary = _build_summary(json_of(data, in_utf8=True))
         if summary.state not in set(RunState) or summary.schema > SCHEMA_VERSION:
             return Unreadable(folder, "its manifest is of a newer jbclog, or none")
         if summary.started is not None:

@@ -17,7 +17,7 @@ import pyarrow as pa
 
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import build, json_of
+from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.locks import try_lock
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.record.batches import decode, encode
@@ -96,10 +96,13 @@ class _Action:
     port: int | None
 
 
+_build_action: Final = builder(_Action)
+
+
 def _event(line: str) -> EventRow | None:
     """Parse a line; None for one that is torn or changed."""
     try:
-        return EventRow(*astuple(build(_Action, json_of(line))))
+        return EventRow(*astuple(_build_action(json_of(line))))
     except ValueError:
         return None
 

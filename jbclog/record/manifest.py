@@ -14,7 +14,7 @@ from typing import Final
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import build, expect_moment, expect_period, expect_year, json_of, read_json
+from jbclog.core.foreign.json_reader import builder, expect_moment, expect_period, expect_year, json_of, read_json
 from jbclog.core.rows import Goal, StationFacts, TipCheck
 from jbclog.record.schema import SCHEMA_VERSION
 
@@ -203,6 +203,9 @@ class Manifest:
         return next((facts for facts in self.stations if facts.name == name), None)
 
 
+_build_manifest: Final = builder(Manifest)
+
+
 def iso(micros: int) -> str:
     """Format UTC microseconds since 1970 as in the manifest: ``2026-11-21T01:30:00.000000Z``."""
     moment = datetime.fromtimestamp(micros // 1_000_000, UTC).replace(microsecond=micros % 1_000_000)
@@ -217,7 +220,7 @@ def read_manifest(folder: Path) -> Manifest:
         version = data.get("schema")
         if isinstance(version, int) and version > SCHEMA_VERSION:
             raise RecordError(f"{path}: written with schema {version}; this jbclog knows {SCHEMA_VERSION}")
-        manifest = build(Manifest, data)
+        manifest = _build_manifest(data)
         for time in (manifest.started, manifest.ended):
             _expect_time(time)
         expect_moment(manifest.t0_utc)

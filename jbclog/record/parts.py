@@ -23,7 +23,7 @@ import pyarrow.parquet as pq
 from jbclog.core.durable_files import sync_file, sync_folder, write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, is_plain_folder, read_foreign
-from jbclog.core.foreign.json_reader import build, json_of
+from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.foreign.tables import ParquetTable, metadata_of, open_table
 from jbclog.record.schema import SCHEMAS, TABLES
 
@@ -47,6 +47,9 @@ class Damage:
         return f"{self.place}: {self.why}" if self.rows is None else f"{self.place}, {self.rows} rows: {self.why}"
 
 
+_build_damage: Final = builder(Damage)
+
+
 def note_damage(folder: Path, found: Iterable[Damage]) -> None:
     """Add damage to the notes, each once. Raises OSError."""
     known = read_damage(folder)
@@ -67,7 +70,7 @@ def read_damage(folder: Path) -> list[Damage]:
 def _damage(line: str) -> Damage:
     """Parse a note; an unreadable one is damage itself."""
     try:
-        return build(Damage, json_of(line))
+        return _build_damage(json_of(line))
     except ValueError:
         return Damage(DAMAGE_NOTES, None, f"a line of it cannot be read: {line!r:.60}")
 

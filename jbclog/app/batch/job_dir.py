@@ -18,7 +18,7 @@ from typing import Final, Literal
 
 from jbclog.app.batch.store import ADD_EVENT, BatchStore
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import build, json_of
+from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.locks import is_locked
 from jbclog.core.rows import EventRow, Severity
 from jbclog.transport.typed_lines import LineSource
@@ -52,6 +52,9 @@ class JobProgress:
     units: int = 0
 
 
+_build_job_progress: Final = builder(JobProgress)
+
+
 @dataclass(frozen=True, slots=True)
 class JobResult:
     """The exit code of a job, and its findings, the most severe first."""
@@ -60,6 +63,9 @@ class JobResult:
     verdict: str | None = None
     findings: list[str] = field(default_factory=list)
     run: str | None = None
+
+
+_build_job_result: Final = builder(JobResult)
 
 
 class JobDir:
@@ -134,13 +140,13 @@ class JobDir:
     def progress(self) -> JobProgress:
         """Return its last progress."""
         with contextlib.suppress(ValueError):
-            return build(JobProgress, self._json("progress"))
+            return _build_job_progress(self._json("progress"))
         return JobProgress()
 
     def result(self) -> JobResult | None:
         """Return its result; None if it wrote none."""
         with contextlib.suppress(ValueError):
-            return build(JobResult, self._json("result"))
+            return _build_job_result(self._json("result"))
         return None
 
     def ended_at(self) -> float | None:

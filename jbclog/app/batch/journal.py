@@ -21,7 +21,9 @@ from jbclog.core.errors import RecordError
 from jbclog.core.foreign.database import Database
 from jbclog.core.foreign.files import Kind as FileKind
 from jbclog.core.foreign.files import read_foreign
-from jbclog.core.foreign.json_reader import build
+from jbclog.core.foreign.json_reader import builder
+
+_build_entry: Final = builder(Entry)
 
 JOBS_FILE: Final = "jobs.toml"
 JOBS: Final = "jobs"
@@ -153,7 +155,7 @@ def _line(entry: Entry) -> bytes:
 
 def _parsed(line: bytes) -> Entry | None:
     try:
-        entry = build(Entry, fields_of(line))
+        entry = _build_entry(fields_of(line))
         return entry if _line(entry) == line else None
     except ValueError:
         return None

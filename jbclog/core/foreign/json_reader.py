@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -92,9 +93,14 @@ def expect_year(year: int) -> None:
         raise ValueError(f"{year} is no year between {YEARS[0]} and {YEARS[-1]}")
 
 
-def build(kind: type[T], data: object) -> T:
-    """Convert parsed JSON to `kind`. Raises ValueError naming the key.
+def builder(kind: type[T]) -> Callable[[object], T]:
+    """Return what converts parsed JSON to `kind`, and raises ValueError naming the key. To be called at import.
 
     Unknown keys are ignored: a later jbclog of the same schema may have added them. Keys of `dict[int, ...]` are digits in JSON.
     """
-    return msgspec.convert(data, kind, str_keys=True)
+    msgspec.json.Decoder(kind)  # describes the type now: threads that both describe it at its first use crash the process
+
+    def build(data: object) -> T:
+        return msgspec.convert(data, kind, str_keys=True)
+
+    return build

@@ -16,9 +16,11 @@ from typing import Final
 from jbclog.core.durable_files import add_line, chain_in, fields_of, first_faults, line_of, sha256, sync_folder
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import build
+from jbclog.core.foreign.json_reader import builder
 from jbclog.core.rows import TipCheck
 from jbclog.maintenance.verification.verification import Verification
+
+_build_verification: Final = builder(Verification)
 
 # -- verifications file -------------------------------------------------------------------------------------------------------
 
@@ -80,7 +82,7 @@ def read_book(out: Path) -> Book:
 
 def _parsed(line: bytes) -> Verification | None:
     try:
-        said = build(Verification, fields_of(line))
+        said = _build_verification(fields_of(line))
         return said if line_of(asdict(said)) == line else None
     except ValueError:
         return None

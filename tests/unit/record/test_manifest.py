@@ -10,7 +10,6 @@ import pytest
 
 from jbclog.core import durable_files
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.json_reader import build
 from jbclog.core.rows import Goal, StationFacts
 from jbclog.record.find_runs import ALL, Unreadable, summary_of
 from jbclog.record.manifest import (
@@ -123,11 +122,6 @@ def test_a_folder_without_one(tmp_path: Path) -> None:
 def test_a_key_of_a_later_jbclog_is_left_out(tmp_path: Path) -> None:
     (tmp_path / "manifest.json").write_text('{"run": "r", "schema": 1, "colour": "red"}')
     assert read_manifest(tmp_path) == Manifest("r")
-
-
-def test_a_flag_is_not_a_number() -> None:
-    with pytest.raises(ValueError, match="got `bool`"):
-        build(int, True)
 
 
 def test_times_are_exact() -> None:
