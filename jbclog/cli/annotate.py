@@ -16,8 +16,10 @@ from jbclog.core.errors import UsageError
 def annotate(
     run: Path = options.RUN,
     text: str | None = typer.Argument(None, metavar="TEXT", help="Note.", show_default=False),
-    by: str | None = typer.Option(None, "--by", metavar="WHO", help="Author.", show_default=False),
-    reason: str | None = typer.Option(None, "--reason", metavar="TEXT", help="Reason.", show_default=False),
+    by: str | None = typer.Option(None, "--by", metavar="WHO", help="Author; required with TEXT or --unit.", show_default=False),
+    reason: str | None = typer.Option(
+        None, "--reason", metavar="TEXT", help="Reason; required with TEXT or --unit.", show_default=False
+    ),
     unit: str | None = typer.Option(
         None, "--unit", metavar="SERIAL", help="Instead of TEXT: a unit of this run.", show_default=False
     ),

@@ -1,4 +1,4 @@
-"""The program and its verbs, in the order in which a newcomer meets them."""
+"""The program and its commands."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from jbclog.cli.check import check
 from jbclog.cli.compare import compare
 from jbclog.cli.demo import demo
 from jbclog.cli.doctor import doctor
+from jbclog.cli.help import ANALYSE, MAINTAIN, RECORD, STATIONS, Program, Verb
 from jbclog.cli.limits import limits
 from jbclog.cli.maintenance import maintenance
 from jbclog.cli.names import ReadCommand, WriteCommand
@@ -41,6 +42,7 @@ NO_MEMORY: Final = b"jbclog: memory was refused; `jbclog recover` finishes the r
 
 app = typer.Typer(
     name="jbclog",
+    cls=Program,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -64,18 +66,18 @@ def _main(
 ) -> None: ...
 
 
-for verb in (demo, sim, scan, doctor, plan, run, batch, safe, runs, report, check, alarms, annotate, recover, replay):
-    app.command()(verb)
-app.command()(trend)
-app.command()(chart)
-app.command()(limits)
-app.command()(compare)
-app.command()(verify)
-app.command("where-used")(where_used)
-app.command()(audit)
-app.command()(maintenance)
-app.command(cls=ReadCommand)(read)
-app.command(cls=WriteCommand)(write)
+COMMANDS: Final = {
+    RECORD: (demo, plan, run, batch, safe, recover, replay),
+    STATIONS: (sim, scan, doctor, read, write),
+    ANALYSE: (runs, report, check, alarms, annotate, compare, trend, chart, limits),
+    MAINTAIN: (verify, where_used, audit, maintenance),
+}
+SPECIAL: Final[dict[str, type[Verb]]] = {"read": ReadCommand, "write": WriteCommand}
+
+for group, verbs in COMMANDS.items():
+    for verb in verbs:
+        name = verb.__name__.replace("_", "-")
+        app.command(name, cls=SPECIAL.get(name, Verb), rich_help_panel=group)(verb)
 
 
 def main() -> None:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
-from typer.core import TyperCommand
 
+from jbclog.cli.help import Verb
 from jbclog.core.errors import JbclogError
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ Completions = list[tuple[str, str]]
 """Candidates, each with its help."""
 
 
-class _NamingCommand(TyperCommand):
+class _NamingCommand(Verb):
     """A verb whose help lists names of commands, and whose values may be negative numbers."""
 
     def get_help(self, ctx: typer.Context) -> str:  # type: ignore[override]  # the base's type is private to typer

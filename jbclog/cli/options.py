@@ -100,12 +100,14 @@ HIDDEN = ("Cc", "Cf", "Co", "Cn", "Zl", "Zp")  # Unicode categories of invisible
 
 
 def duration_s(text: str | None) -> float | None:
-    """Return the seconds of ``90s``, ``15m``, ``8h``, ``1h30m`` or a bare number. Raises `UsageError`."""
+    """Return the seconds of ``90s``, ``15m``, ``8h`` or ``1h30m``. Raises `UsageError`."""
     if text is None:
         return None
     from jbclog.config.durations import EXAMPLES, span_s
 
     seconds = span_s(text)
+    if seconds is not None and not text.strip().endswith(("s", "m", "h")):
+        raise UsageError(f"--duration {text}: give the unit: {text}s, {text}m or {text}h")
     if seconds is None:
         raise UsageError(f"--duration {text}: give {EXAMPLES}")
     return seconds

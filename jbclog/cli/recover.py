@@ -38,14 +38,22 @@ def recover(
     if as_json:
         echo_json({"runs": [_facts(one) for one in done]})
     else:
-        for one in done:
-            echo(one.text)
-        if not done:
-            echo(f"{folder}: no runs")
+        echo(*_lines(folder, done))
     if not all(one.is_safe for one in done):
         raise typer.Exit(Unsafe.exit_code)
     if any(one.outcome is Outcome.REFUSED for one in done):
         raise typer.Exit(RecordError.exit_code)
+
+
+def _lines(folder: Path, done: list[Recovery]) -> list[str]:
+    """Return a line for each run that was not finished already, or for the only one."""
+    from jbclog.record.recover import FINISHED
+
+    if len(done) < 2:
+        return [one.text for one in done] or [f"{folder}: no runs"]
+    lines = [one.text for one in done if not (one.is_safe and one.text.endswith(FINISHED))]
+    whole = len(done) - len(lines)
+    return lines + [f"{folder}: {whole} run{'s' * (whole > 1)} {FINISHED}"] * bool(whole)
 
 
 def _facts(one: Recovery) -> dict[str, object]:

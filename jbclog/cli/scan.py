@@ -189,7 +189,7 @@ _ADDRESSES = re.compile(r"(\d{1,2})(?:-(\d{1,2}))?", re.ASCII)
 @reports_errors
 def scan(
     urls: list[str] = typer.Argument(
-        None, metavar="[URL]...", help="Device, socket://HOST:PORT or rfc2217://HOST:PORT; default: USB serial ports."
+        None, metavar="URL", help="Device, socket://HOST:PORT or rfc2217://HOST:PORT; default: USB serial ports."
     ),
     write: Path | None = typer.Option(None, "--write", "-w", metavar="FILE", help="Line file to write."),
     force: bool = typer.Option(False, "--force", help="Overwrite the file of --write."),

@@ -16,7 +16,6 @@ from jbclog.core.errors import UsageError
 if TYPE_CHECKING:
     from jbclog.maintenance.verification import Suspect, Used
 
-LAST_GOOD = "LAST_GOOD"
 HEADS = ("started", "tips", "order", "units", "verdict", "run")
 
 
@@ -26,7 +25,9 @@ def where_used(
     station: str = typer.Option(..., "--station", "-s", metavar="NAME", help="Station name.", show_default=False),
     port: int | None = typer.Option(None, "--port", "-p", min=1, max=4, metavar="N", help="Port number.", show_default=False),
     tip: str | None = typer.Option(None, metavar="ID", help="Tip; runs without a named tip are included.", show_default=False),
-    since: str = typer.Option(LAST_GOOD, metavar="TIME", help="Day or time, UTC; default: the last passed verification."),
+    since: str | None = typer.Option(
+        None, metavar="TIME", help="Day or time, UTC; default: the last passed verification.", show_default=False
+    ),
     as_json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """List the runs that used a tip since its last pass.
@@ -42,7 +43,7 @@ def where_used(
 
     if not is_folder(folder):
         raise UsageError(NO_FOLDER.format(folder))
-    found = suspects(folder, station, port, tip, _moment(since))
+    found = suspects(folder, station, port, tip, None if since is None else _moment(since))
     if as_json:
         echo_json(facts(found))
     else:
@@ -59,10 +60,10 @@ def where_used(
         raise typer.Exit(1)
 
 
-def _moment(text: str) -> datetime | None:
+def _moment(text: str) -> datetime:
     from jbclog.cli.runs import moment
 
-    return None if text == LAST_GOOD else moment("--since", text)
+    return moment("--since", text)
 
 
 def row(used: Used) -> tuple[str, ...]:

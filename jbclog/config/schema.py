@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Final, Literal, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, PlainValidator, ValidationError
@@ -78,13 +78,21 @@ def _sentence(row: type[Table], key: KeyPath, detail: ErrorDetails) -> str:
     allowed = _allowed(row, key)
     if kind == "missing":
         return f"missing; {allowed}" if allowed else "missing"
-    return f"{shown(detail['input'])} is not allowed; {allowed or detail['msg'].lower()}"
+    meant = _nearest(detail["input"], _choices(row, key)) if isinstance(detail["input"], str) else None
+    return f"{shown(detail['input'])} is not allowed; {f'did you mean {meant}?' if meant else allowed or detail['msg'].lower()}"
 
 
 def unknown(name: str, names: list[str]) -> str:
     """Return the message for a name that is not in `names`, with a similar one if there is any."""
-    near = difflib.get_close_matches(name[:64], names, n=1)
-    return f"unknown; did you mean {near[0]}?" if near else f"unknown; allowed here: {', '.join(names) or 'nothing'}"
+    near = _nearest(name, names)
+    return f"unknown; did you mean {near}?" if near else f"unknown; allowed here: {', '.join(names) or 'nothing'}"
+
+
+def _nearest(name: str, names: Iterable[str]) -> str | None:
+    """Return the most similar of `names`, whatever its case; None if none is similar."""
+    folded = {one.casefold(): one for one in names}
+    near = difflib.get_close_matches(name[:64].casefold(), folded, n=1)
+    return folded[near[0]] if near else None
 
 
 def shown(value: object) -> str:
@@ -108,6 +116,13 @@ def _allowed(row: type[Table], key: KeyPath) -> str | None:
     if field is None and around is not None and _is_mapping(around.annotation):
         field = around
     return field.description if field is not None else None
+
+
+def _choices(row: type[Table], key: KeyPath) -> list[str]:
+    """Return the texts that the field at `key` allows, if it allows only some."""
+    field = _field(row, key)
+    found = get_args(field.annotation) if field is not None else ()
+    return [text for one in found for text in (get_args(one) or (one,)) if isinstance(text, str)]
 
 
 def _field(row: type[Table], key: KeyPath) -> FieldInfo | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import subprocess
 import sys
 from functools import cache
@@ -53,6 +54,20 @@ def test_help_ends_with_an_example_that_could_be_typed(verb: str) -> None:
 @pytest.mark.parametrize("verb", VERBS)
 def test_the_list_of_verbs_shows_each_first_sentence_whole(verb: str) -> None:
     assert HELP[verb].splitlines()[0] in shown_here("--help").stdout
+
+
+def test_commands_are_listed_in_groups() -> None:
+    listed = shown_here("--help").stdout.partition("-h, --help")[2]
+    assert re.findall(r"^(\w+):$", listed, re.MULTILINE) == ["Record", "Stations", "Analyse", "Maintain"]
+    assert set(re.findall(r"^  ([a-z-]+) ", listed, re.MULTILINE)) == set(VERBS)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_help_shows_neither_types_of_python_nor_braces(verb: str) -> None:
+    shown = shown_here(verb, "--help").stdout
+    assert re.findall(r"<\w*[\[>]|\{[A-Z]|LAST_GOOD", shown) == []
+    usage, required = shown.splitlines()[0], re.findall(r"^  ([A-Z]+) .*\[required\]", shown, re.MULTILINE)
+    assert [name for name in required if f" {name}" not in usage] == []
 
 
 def test_a_process_of_its_own_says_the_same() -> None:

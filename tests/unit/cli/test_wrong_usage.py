@@ -50,6 +50,13 @@ def test_texts_that_cannot_be_signed(place: Path, option: str, text: str, why: s
     assert not (place / "runs").exists()
 
 
+@pytest.mark.parametrize("bare", ["5", "1.5", "1h30"])
+def test_a_duration_needs_its_unit(place: Path, bare: str) -> None:
+    expected = f"error: --duration {bare}: give the unit: {bare}s, {bare}m or {bare}h\n"
+    assert refused("run", "job.toml", "--line", "line.toml", "--duration", bare) == expected
+    assert not (place / "runs").exists()
+
+
 @pytest.mark.parametrize("tag", ["shift=\udcff", "\udcff=1", "shift=" + "1" * 200, "shift=\n", "shift"])
 def test_tags_that_cannot_be_signed(place: Path, tag: str) -> None:
     assert refused("run", "job.toml", "--line", "line.toml", "--tag", tag).startswith("error: --tag")

@@ -184,6 +184,10 @@ address = 100
             ":3: station: {'name': 'x'} is not allowed; at least one table [[station]] with name, url and family",
         ),
         (HEAD + STATION.replace('family = "dde"', ""), f":3: station[1].family: missing; one of {', '.join(FAMILIES)}, auto"),
+        (
+            HEAD + STATION.replace('"dde"', '"DDE"'),
+            ':6: station[1].family: "DDE" is unknown; did you mean dde?',
+        ),
         (HEAD + STATION + "ports = []\n", ":7: station[1].ports: [] is not allowed; a list of ports from 1 to 4"),
         (
             HEAD + STATION + 'address = "1"\n',

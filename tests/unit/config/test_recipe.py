@@ -470,4 +470,5 @@ def test_suction_is_for_hot_air() -> None:
     told = only_problem(head.format("dde") + '[run]\nsafe_suction = "off"\n')
     assert told == "job.toml:6: run.safe_suction: fits none of the families listed (dde); it is for jtse"
     assert '"lift" is not allowed; keep, on or off' in only_problem(head.format("jtse") + '[air]\nsuction = "lift"\n')
+    assert '"Off" is not allowed; did you mean off?' in only_problem(head.format("jtse") + '[run]\nsafe_suction = "Off"\n')
     assert '"on" is not allowed; keep or off' in only_problem(head.format("jtse") + '[run]\nsafe_suction = "on"\n')

@@ -1,0 +1,45 @@
+"""Help as people read it: commands in groups, values by their names alone."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from typer.core import TyperCommand, TyperGroup
+
+RECORD, STATIONS, ANALYSE, MAINTAIN = "Record", "Stations", "Analyse", "Maintain"
+
+
+class Program(TyperGroup):
+    """The program, with its commands listed in the groups that `rich_help_panel` names."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write one section for each group, in the order of their first commands."""
+        width = max(map(len, self.commands))
+        sections: dict[str, list[tuple[str, str]]] = {}
+        for name, command in self.commands.items():
+            row = name.ljust(width), command.get_short_help_str(formatter.width - 6 - width)
+            sections.setdefault(str(getattr(command, "rich_help_panel", "")), []).append(row)
+        for heading, rows in sections.items():
+            with formatter.section(heading):
+                formatter.write_dl(rows)
+
+
+class Verb(TyperCommand):
+    """A command whose help shows neither Python types nor braces."""
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Return the words after the command's name; an optional one is in brackets."""
+        return [piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)]
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write arguments, then options."""
+        sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+        for parameter in self.get_params(ctx):
+            is_argument = parameter.param_type_name == "argument"
+            if row := parameter.get_help_record(ctx):
+                name = row[0].rpartition(" <")[0] or row[0] if is_argument else row[0]
+                sections["Arguments" if is_argument else "Options"].append((name, row[1]))
+        for heading, rows in sections.items():
+            if rows:
+                with formatter.section(heading):
+                    formatter.write_dl(rows)
