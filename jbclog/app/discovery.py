@@ -125,7 +125,7 @@ def text_of(reports: Sequence[PortReport], file: Path) -> str | None:
 
     None if there is neither.
     """
-    stations = _described([report for report in reports if report.station is not None and report.station.is_drivable])
+    stations = described(reports)
     name = file.stem if re.fullmatch(NAME_PATTERN, file.stem) else "line"
     text = line_text(name, stations, "Found by jbclog scan. A station's recipe goes here, or on the command line.")
     proposals = "".join(_proposal(report) for report in reports)
@@ -147,11 +147,12 @@ def _proposal(report: PortReport) -> str:
     return line_comment(f"\n{text}\n{station_text(table)}")
 
 
-def _described(reports: Sequence[PortReport]) -> list[Described]:
+def described(reports: Sequence[PortReport]) -> list[Described]:
+    """Return the stations that jbclog can drive, numbered by their families."""
     numbers: Counter[str] = Counter()
     described = []
     for report in reports:
-        if report.station is not None and report.station.family is not None:
+        if report.station is not None and report.station.is_drivable and report.station.family is not None:
             family = report.station.family.name
             numbers[family] += 1
             described.append(

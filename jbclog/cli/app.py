@@ -18,6 +18,7 @@ from jbclog.cli.compare import compare
 from jbclog.cli.demo import demo
 from jbclog.cli.doctor import doctor
 from jbclog.cli.help import ANALYSE, MAINTAIN, RECORD, STATIONS, Program, Verb
+from jbclog.cli.init import init
 from jbclog.cli.limits import limits
 from jbclog.cli.maintenance import maintenance
 from jbclog.cli.names import ReadCommand, WriteCommand
@@ -68,7 +69,7 @@ def _main(
 
 COMMANDS: Final = {
     RECORD: (demo, plan, run, batch, safe, recover, replay),
-    STATIONS: (sim, scan, doctor, read, write),
+    STATIONS: (init, sim, scan, doctor, read, write),
     ANALYSE: (runs, report, check, alarms, annotate, compare, trend, chart, limits),
     MAINTAIN: (verify, where_used, audit, maintenance),
 }

@@ -421,7 +421,7 @@ def _keys(station: StationTable) -> Iterator[str]:
     if station.turnaround_ms is not None:
         yield f"turnaround_ms = {station.turnaround_ms}"
     if station.recipe is not None:
-        yield f"recipe = {quoted(str(station.recipe.absolute()))}"
+        yield f"recipe = {quoted(str(station.recipe))}"
     if station.rated_power_w is not None:
         yield f"rated_power_w = {station.rated_power_w}"
     yield ""

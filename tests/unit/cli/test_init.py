@@ -1,0 +1,97 @@
+"""`jbclog init`: its questions end in files that `plan` and `run` take, and overwrite nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from jbclog.cli.app import app
+from jbclog.config.line import load_line
+from jbclog.config.load_recipe import load_recipe
+from jbclog.protocol.commands.family import FAMILIES
+from support.virtual.served_line import ServedLine
+
+HAND = ["hand", "dde", "/dev/ttyUSB7", "", "no", "first", "355"]
+
+
+def answered(folder: Path, answers: list[str]) -> Result:
+    return CliRunner().invoke(app, ["init", str(folder)], input="\n".join([*answers, ""]))
+
+
+@pytest.mark.parametrize("family", sorted(FAMILIES))
+def test_each_family_gets_files_that_are_taken(tmp_path: Path, family: str) -> None:
+    answers = ["hand", family, "socket://10.0.0.4:4001", "", "no", "", ""]
+    assert answered(tmp_path, answers).exit_code == 0
+    line = load_line(tmp_path / "line.toml")
+    (station,) = line.stations
+    assert (station.name, station.family, station.baudrate) == (f"{family}-1", family, 9600 if family == "omega" else 19200)
+    assert station.recipe == tmp_path / "recipe.toml"
+    assert load_recipe(tmp_path / "recipe.toml").families == (family,)
+    planned = CliRunner().invoke(app, ["plan", "--line", str(tmp_path / "line.toml")])
+    assert planned.exit_code == 0, planned.output
+
+
+def test_what_is_answered_is_in_the_files(tmp_path: Path) -> None:
+    done = answered(tmp_path, HAND)
+    assert "Nothing was written to a station." in done.stderr
+    assert f"Next: jbclog plan --line {tmp_path / 'line.toml'}" in done.stderr
+    text = (tmp_path / "recipe.toml").read_text()
+    assert 'name = "first"' in text
+    assert "select_c = 355 " in text
+
+
+def test_a_wrong_answer_is_asked_for_again(tmp_path: Path) -> None:
+    answers = ["hnd", "hand", "DDDE", "DDE", "sockets://x", "/dev/ttyUSB7", "a name", "", "no", "", "352", "500", "350"]
+    done = answered(tmp_path, answers)
+    assert done.exit_code == 0, done.output
+    for text in (
+        "must be scan or hand",
+        "did you mean dde?",
+        'the kind of port "sockets" is unknown',
+        "must be 1 to 64 of the characters",
+        "must be whole °C, 90 to 450 in steps of 5",
+    ):
+        assert text in done.stderr
+
+
+def test_two_stations_on_one_port_are_refused_and_asked_for_again(tmp_path: Path) -> None:
+    answers = ["hand", "dde", "/dev/ttyUSB7", "", "yes", "nae", "/dev/ttyUSB7", "", "nae", "/dev/ttyUSB8", "", "no", "", ""]
+    done = answered(tmp_path, answers)
+    assert "This station is not taken; enter it again." in done.stderr
+    assert [one.url for one in load_line(tmp_path / "line.toml").stations] == ["/dev/ttyUSB7", "/dev/ttyUSB8"]
+
+
+def test_tips_hot_air_and_omega_have_a_recipe_each(tmp_path: Path) -> None:
+    answers = ["hand", "dde", "/dev/a", "", "y", "jtse", "/dev/b", "", "y", "omega", "/dev/c", "", "n", "x", "350", "300"]
+    assert answered(tmp_path, answers).exit_code == 0
+    recipes = {one.family: one.recipe.name for one in load_line(tmp_path / "line.toml").stations if one.recipe}
+    assert recipes == {"dde": "recipe-tips.toml", "jtse": "recipe-hot-air.toml", "omega": "recipe-omega.toml"}
+    assert CliRunner().invoke(app, ["plan", "--line", str(tmp_path / "line.toml")]).exit_code == 0
+
+
+@pytest.mark.parametrize("name", ["line.toml", "recipe.toml"])
+def test_nothing_is_overwritten(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("mine")
+    done = answered(tmp_path, HAND)
+    assert (done.exit_code, [path.name for path in tmp_path.iterdir()]) == (2, [name])
+    assert f"{tmp_path / name}: exists; init overwrites nothing" in done.stderr
+    assert (tmp_path / name).read_text() == "mine"
+
+
+def test_answers_that_end_early_write_nothing(tmp_path: Path) -> None:
+    assert answered(tmp_path, HAND[:4]).exit_code == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_scan_finds_a_station(tmp_path: Path) -> None:
+    made = tmp_path / "made"
+    made.mkdir()
+    with ServedLine(tmp_path) as line:
+        url = line.url("dde-1")
+        done = answered(made, ["scan", url, "first", "340"])
+        assert done.exit_code == 0, done.output
+        (station,) = load_line(made / "line.toml").stations
+        assert (station.family, station.url) == ("dde", url)
+    assert "select_c = 340 " in (made / "recipe.toml").read_text()
