@@ -20,6 +20,7 @@ def sim(
     line: Path = typer.Argument(..., metavar="LINE", help="Line file.", show_default=False),
     folder: Path = typer.Option(Path("virtual"), "--dir", metavar="DIR", help="Folder for ports and line file."),
     tcp: str | None = typer.Option(None, metavar="HOST:PORT", help="First TCP port; one port per station."),
+    no_joints: bool = typer.Option(False, "--no-joints", help="Let the tips rest, for example to try `jbclog verify`."),
     log: Path | None = typer.Option(None, metavar="FILE", help="Log of every query and answer (JSON lines)."),
 ) -> None:
     """Serve a line's stations as virtual ones, until Ctrl-C.
@@ -32,9 +33,9 @@ def sim(
       jbclog sim profiles/lines/bench.toml --dir virtual
     """
     from jbclog.config.line import load_line
-    from jbclog.sim.setup import SERVED_LINE, set_up, tcp_of
+    from jbclog.sim.setup import SERVED_LINE, set_up, tcp_of, without_joints
 
-    loaded = load_line(line)
+    loaded = without_joints(load_line(line)) if no_joints else load_line(line)
     wire_file = _wire_file(log)
     server = set_up(loaded, folder, tcp_of(tcp) if tcp else None, wire_file)
     server.stop_on_signals()

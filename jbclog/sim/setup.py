@@ -8,6 +8,7 @@ from pathlib import Path
 from time import monotonic
 
 from jbclog.config.line import Line, Replay, StationSpec, line_text
+from jbclog.config.sim_spec import SimSpec
 from jbclog.core.errors import UsageError
 from jbclog.protocol.commands.family import FAMILIES, OMEGA
 from jbclog.sim.links import Link, PtyLink, TcpLink, Waiter
@@ -22,6 +23,13 @@ def virtual_station(spec: StationSpec, *, now: float) -> VirtualStation | Virtua
     if family is not None and family.protocol == OMEGA:
         return VirtualOmega(spec, now=now)
     return VirtualStation(spec, now=now)
+
+
+def without_joints(line: Line) -> Line:
+    """Return the line with stations whose tips rest, for example to try `verify`."""
+    resting = [(one.sim or SimSpec()).model_copy(update={"joints_per_minute": 0.0}) for one in line.stations]
+    stations = tuple(one.model_copy(update={"sim": sim}) for one, sim in zip(line.stations, resting, strict=True))
+    return line.model_copy(update={"stations": stations})
 
 
 SERVED_LINE = "line.toml"

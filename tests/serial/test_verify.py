@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -10,19 +11,20 @@ from typer.testing import CliRunner
 from jbclog.cli.app import app
 from jbclog.maintenance.verification import read_book
 from jbclog.session.manual import read
-from jbclog.sim.process import SimProcess
-from support.command import WireLog, jbclog
+from support.command import WireLog, jbclog, started, until
 
 SAID = ("--instrument", "TC-7", "--due", "2099-03-01", "--tip", "T-17", "--by", "A. Rossi")
-SIM = "joints_per_minute = 0\nsensor_error_c = 9\nnoise_c = 0.4\nambient_c = 60"
+SIM = "joints_per_minute = 60\nsensor_error_c = 9\nnoise_c = 0.4\nambient_c = 60"
 
 
 def test_a_tip_is_verified_and_the_station_left_as_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source, log = tmp_path / "source.toml", tmp_path / "wire.jsonl"
     source.write_text(f'[line]\nname = "l"\n[[station]]\nname = "ucr-1"\nurl = "ucr-1"\nfamily = "ucr"\n[station.sim]\n{SIM}\n')
     monkeypatch.setattr(read, "EVERY_S", 0.1)
-    with SimProcess(source, tmp_path / "bench", log=log) as stations:
-        line = str(stations.line_path)
+    stations = started("sim", source, "--no-joints", "--dir", tmp_path / "bench", "--log", log)
+    try:
+        line = str(tmp_path / "bench" / "line.toml")
+        assert until(Path(line).exists)
         assert jbclog("write", "ucr-1", "status", "working", "-p", "1", "--line", line).returncode == 0
         words = ["verify", "ucr-1", "-p", "1", "--reading", "341", *SAID, "--line", line, "--out", str(tmp_path / "runs")]
         for _ in range(40):  # until it is hot; a second each
@@ -30,6 +32,9 @@ def test_a_tip_is_verified_and_the_station_left_as_it_is(tmp_path: Path, monkeyp
             if ended.exit_code != 3:
                 break
             assert "does not stand still" in ended.stderr or "from the setting" in ended.stderr, ended.stderr
+    finally:
+        stations.send_signal(signal.SIGINT)
+        stations.communicate(timeout=60)
     assert ended.exit_code == 0, ended.stderr
     (kept,) = read_book(tmp_path / "runs").all
     assert kept.offset_c == pytest.approx(-9, abs=1.5)
