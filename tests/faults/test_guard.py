@@ -370,7 +370,8 @@ def test_a_fault_of_the_program_leaves_nothing_hot_and_its_record_whole(line: Se
     now = time.monotonic()
     run = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=200, check=False)
     assert (line.at_work(), line.motor("ale-1")) == (0, False)
-    assert [order.name for order in line.orders(now) if order.station == "ale-1"][-2:] == ["stop_feeding", "status"]
+    safe = dict.fromkeys(order.name for order in line.orders(now) if order.station == "ale-1" and order.is_safe)
+    assert list(safe) == ["stop_feeding", "status"]  # on a busy machine one of them may be ordered again
     assert run.returncode == 4, run.stderr
     folder = only_run(tmp_path)
     assert check(folder) == []

@@ -155,7 +155,7 @@ def test_recorded_again_at_its_own_pace(original: Path, tmp_path: Path) -> None:
         assert len(theirs) == len(ours) == HZ * SECONDS
         for column in (*FAST, *SLOW):
             assert is_in_order(theirs[column], ours[column]), column
-        if all(abs(theirs[column].count() - ours[column].count()) <= 1 for column in FAST):  # else the host was busy
+        if was_on_time(ours) and was_on_time(theirs) and all(abs(theirs[one].count() - ours[one].count()) <= 1 for one in FAST):
             for column in FAST:
                 assert share_of_same(ours[column], theirs[column]) > 0.8, column
             for column in SLOW:  # when the wire has room for them is a matter of fractions of a millisecond
@@ -164,6 +164,11 @@ def test_recorded_again_at_its_own_pace(original: Path, tmp_path: Path) -> None:
         pd.testing.assert_frame_equal(first.settings(station)[written], second.settings(station)[written])
         assert second.counters(station)["raw"].to_list() == first.counters(station)["raw"].to_list()
         assert kinds(second, station) == kinds(first, station)
+
+
+def was_on_time(samples: pd.DataFrame) -> bool:
+    """Whether the host asked each tick's first question in the first tenth of the tick: else values move to other ticks."""
+    return bool(samples["late_us"].max() < 0.1e6 / HZ)
 
 
 def share_of_same(ours: pd.Series, theirs: pd.Series) -> float:

@@ -11,13 +11,13 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 
-import duckdb
 import pandas as pd
-import polars as pl
 import pytest
 
 import jbclog
 from jbclog.record.schema import SCHEMAS, TABLES
+from support.lazy import duckdb
+from support.lazy import polars as pl
 from support.records import small_run
 
 Cells = list[dict[str, object]]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from jbclog.analysis.spc import fitting, probability_plot
 from jbclog.analysis.spc.distribution import FAMILIES, BoxCox, Lognormal, Threshold, Weibull, spread_over_steps
+from support.lazy import stats
 
 
 def test_weibull_as_scipy_fits_it() -> None:

@@ -6,10 +6,10 @@ from math import sqrt
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from jbclog.analysis.spc import Equivalence, Refused, equivalence
 from jbclog.core.errors import UsageError
+from support.lazy import stats
 
 
 def held(first: list[float], second: list[float], margin: float, step: float = 0.0) -> Equivalence:

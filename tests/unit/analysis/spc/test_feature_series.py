@@ -10,10 +10,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from jbclog.analysis.spc import Capability, Refused, capability, individuals, phase_one
 from jbclog.analysis.spc.refusal import rate_of_nine, unstable
+from support.lazy import stats
 from support.records.feature_series import SHAPES, Floats, healthy
 from support.records.feature_series import unstable as unstable_series
 

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import stats
 
 from jbclog.analysis.spc import Refused, capability, control_chart, individuals, subgroup_charts
 from jbclog.analysis.spc.refusal import anderson_darling_chance, lag_1
 from jbclog.core.errors import UsageError
+from support.lazy import stats
 
 Floats = NDArray[np.float64]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import stats
 
 from jbclog.analysis.verdict.bounds import (
     LEAST_BATCHES,
@@ -18,6 +17,7 @@ from jbclog.analysis.verdict.bounds import (
     students_t,
 )
 from jbclog.analysis.verdict.idle import IdleError
+from support.lazy import stats
 
 PERIOD_S = 0.1
 

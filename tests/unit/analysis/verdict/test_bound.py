@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from jbclog.analysis.verdict.bounds import (
     COSINES,
@@ -23,6 +22,7 @@ from jbclog.analysis.verdict.bounds import (
 )
 from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.rules import bounded
+from support.lazy import stats
 from support.plants.idle_courses import Floats, bounds_of, idle_of, slow, told
 
 HZ = 10.0
