@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -39,11 +38,12 @@ def where_used(
     Example:
       jbclog where-used --station dde-1 --port 1
     """
+    from jbclog.cli.runs import moment
     from jbclog.maintenance.verification import where_used as suspects
 
     if not is_folder(folder):
         raise UsageError(NO_FOLDER.format(folder))
-    found = suspects(folder, station, port, tip, None if since is None else _moment(since))
+    found = suspects(folder, station, port, tip, None if since is None else moment("--since", since))
     if as_json:
         echo_json(facts(found))
     else:
@@ -58,12 +58,6 @@ def where_used(
         note(f"{one.folder}: {one.why}")
     if found.wrong or found.unreadable:
         raise typer.Exit(1)
-
-
-def _moment(text: str) -> datetime:
-    from jbclog.cli.runs import moment
-
-    return moment("--since", text)
 
 
 def row(used: Used) -> tuple[str, ...]:
