@@ -43,7 +43,7 @@ def where_used(
 
     if not is_folder(folder):
         raise UsageError(NO_FOLDER.format(folder))
-    found = suspects(folder, station, port, tip, None if since is None else moment("--since", since))
+    found = suspects(folder, station, port, tip, moment("--since", since))
     if as_json:
         echo_json(facts(found))
     else:
