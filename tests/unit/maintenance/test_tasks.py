@@ -74,16 +74,10 @@ families = ["dda"]
 """
     said = wrong(text)
     assert [line.split(":")[1] for line in said] == ["2", "3", "4", "8", "10", "11", "13", "14", "17"]
-    assert said[1] == f'tasks.toml:3: task[1].counter: "work_hours" is not allowed; did you mean work_h?'
+    assert said[1] == 'tasks.toml:3: task[1].counter: "work_hours" is not allowed; did you mean work_h?'
     assert said[3] == "tasks.toml:8: task[2].counter: work_h is not counted so; with life_m one of dispensed_mm"
     assert said[6].startswith("tasks.toml:13: task[3]: life_h and life_days are given; exactly one of")
     assert said[7] == "tasks.toml:14: task[3].name: rollers is given twice, first in line 7"
-
-
-COUNTERS = (
-    "plugged_h, no_tool_h, sleep_h, hibernation_h, work_h, on_h, sleep_cycles, desolder_cycles, dispensed_cycles, tool_cycles, "
-    "suction_cycles, dispensed_mm"
-)
 
 
 @pytest.mark.parametrize(
