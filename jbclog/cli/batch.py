@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
+from jbclog.cli.options import Color
 from jbclog.cli.output import echo_json, echo_table, note, reports_errors
 from jbclog.cli.streams import never_wait
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
     from jbclog.app.batch.executor import BatchExecutor
-    from jbclog.cli.batch_progress import Lines, Screen
+    from jbclog.cli.batch_progress import Lines
 
 
 @reports_errors
@@ -36,6 +37,7 @@ def batch(
         show_default=False,
     ),
     out: Path = options.OUT,
+    color: Color = options.COLOR,
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Run a queue of jobs on the stations of a line.
@@ -68,7 +70,7 @@ def batch(
         shift = prepare(orders, out, means, SystemZone(), resume=resume, anew=anew)
         for text in (*beginning(shift), *(intentions(shift) if resume else ())):
             note(text)
-        shown = shown_by(shift, quiet=as_json)
+        shown = shown_by(shift, color, quiet=as_json)
         executor = shift.executor(shown, means)
         code = _carry_out(executor, shown)
         if as_json:
@@ -81,7 +83,7 @@ def batch(
     raise typer.Exit(code)
 
 
-def _carry_out(executor: BatchExecutor, shown: Lines | Screen) -> int:
+def _carry_out(executor: BatchExecutor, shown: Lines) -> int:
     """Run the batch and return its exit code. A later signal does not cut off the summary."""
     from jbclog.app.run.runner import heard
     from jbclog.transport.event_loop import Signals

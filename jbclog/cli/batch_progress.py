@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from jbclog.app.batch.state import State
-from jbclog.cli.output import is_terminal, note, wrapped
+from jbclog.cli.options import Color
+from jbclog.cli.output import is_terminal
 from jbclog.cli.progress import EventFilter, event_line
+from jbclog.cli.terminal import Column, Printer, fitting_table, moment, span, span_of, started_live
+from jbclog.config.durations import span_s
+from jbclog.core.rows import Severity
 from jbclog.core.text import clean
 
 if TYPE_CHECKING:
@@ -37,15 +40,6 @@ def seconds(iso: str) -> float:
     from datetime import datetime
 
     return datetime.fromisoformat(iso).timestamp()
-
-
-def span(passed_s: float) -> str:
-    """``45 s``, ``12:30``, ``1:02:03``."""
-    minutes, rest = divmod(round(passed_s), 60)
-    hours, minutes = divmod(minutes, 60)
-    if hours:
-        return f"{hours}:{minutes:02}:{rest:02}"
-    return f"{minutes}:{rest:02}" if minutes else f"{rest} s"
 
 
 # -- start ------------------------------------------------------------------------------------------------------------------
@@ -107,7 +101,7 @@ def _cells(attempt: Attempt, out: Path) -> Sequence[str]:
     took = "-" if attempt.ended is None else span(seconds(attempt.ended) - began)
     code = "-" if attempt.exit_code is None else str(attempt.exit_code)
     run = "-" if attempt.run is None else str(out / attempt.run)
-    return attempt.state.value, code, attempt.verdict or "-", time.strftime("%H:%M:%S", time.localtime(began)), took, run
+    return attempt.state.value, code, attempt.verdict or "-", moment(began), took, run
 
 
 def facts(shift: PreparedBatch, out: Path, code: int) -> dict[str, object]:
@@ -151,7 +145,14 @@ def _attempt_facts(attempt: Attempt, out: Path) -> dict[str, object]:
 # -- progress -----------------------------------------------------------------------------------------------------------------
 
 SHOW_EVERY_S: Final = 1.0
-COLUMNS: Final = ("job", "stations", "progress", "now", "tools", "alarms")
+COLUMNS: Final = (
+    Column("job"),
+    Column("stations", dropped=2),
+    Column("progress"),
+    Column("now"),
+    Column("tools", dropped=1),
+    Column("alarms", is_number=True),
+)
 
 
 class _Follower:
@@ -162,18 +163,19 @@ class _Follower:
         self._filter = EventFilter()
         self._read = 0
 
-    def news(self) -> Iterator[str]:
+    def news(self) -> Iterator[tuple[str, Severity]]:
         events, self._read = self.job_dir.events(self._read)
         for event in events:
             if self._filter.passes(event):
-                yield event_line(event)
+                yield event_line(event), event.severity
 
 
 class Lines:
     """Lines for a log or a pipe: one for each job that starts or ends, one for each event worth showing."""
 
-    def __init__(self, shift: PreparedBatch) -> None:
+    def __init__(self, shift: PreparedBatch, printer: Printer) -> None:
         self._batch = shift
+        self._printer = printer
         self._followed: dict[str, _Follower] = {}
         self._recording: set[str] = set()
         self._shown = 0.0
@@ -193,7 +195,7 @@ class Lines:
         self.message(f"{job.name} ended after {took}, {job.state.value}, exit code {job.last.exit_code}{why}")
 
     def message(self, text: str) -> None:
-        self._print(f"{time.strftime('%H:%M:%S')}  {text}")
+        self._printer.print(f"{moment(time.time())}  {text}")
 
     def look(self, state: BatchState, following: Next) -> None:
         now = time.monotonic()
@@ -214,8 +216,8 @@ class Lines:
             self.message(f"{job.name} records into {run}")
 
     def _print_news(self, job: JobState) -> None:
-        for text in self._follow(job).news():
-            self._print(f"{job.name}: {text}")
+        for text, severity in self._follow(job).news():
+            self._printer.print(f"{job.name}: {text}", severity)
 
     def _follow(self, job: JobState) -> _Follower:
         papers = self._batch.processes.job_dir(job.name, max(len(job.attempts), 1))
@@ -227,9 +229,6 @@ class Lines:
     def _now(self, job: JobState) -> JobProgress:
         return self._follow(job).job_dir.progress()
 
-    def _print(self, text: str) -> None:
-        note(text)
-
     def _second(self, state: BatchState, following: Next) -> None:
         return
 
@@ -237,40 +236,23 @@ class Lines:
 class Screen(Lines):
     """Live table for a terminal, with the events above it."""
 
-    def __init__(self, shift: PreparedBatch) -> None:
-        from rich.console import Console
-        from rich.live import Live
-
-        super().__init__(shift)
+    def __init__(self, shift: PreparedBatch, printer: Printer) -> None:
+        super().__init__(shift, printer)
         self._asked: dict[str, JobTable] = {job.name: job for job in shift.plan.file.jobs}
-        self._console = Console(stderr=True, no_color="NO_COLOR" in os.environ, highlight=False)
-        # stdout is for data: rich must not redirect it to stderr while it shows a table
-        self._live: Live | None = Live(
-            console=self._console, auto_refresh=False, transient=True, redirect_stdout=False, redirect_stderr=False
-        )
-        self._live.start()
+        self._live: Live | None = started_live(printer.console)
 
     def close(self) -> None:
         if self._live is not None:
             self._live.stop()
             self._live = None
 
-    def _print(self, text: str) -> None:
-        self._console.print(wrapped(clean(text), self._console.width), markup=False, soft_wrap=True)
-
     def _second(self, state: BatchState, following: Next) -> None:
         if self._live is not None:
             self._live.update(self._table(state, following), refresh=True)
 
     def _table(self, state: BatchState, following: Next) -> Table:
-        from rich.table import Table
-
-        table = Table(title=clean(title(state, following)), title_justify="left", pad_edge=False)
-        for name in COLUMNS:
-            table.add_column(name, justify="right" if name == "alarms" else "left")
-        for job in state.running():
-            table.add_row(*map(clean, self._cells(job, self._now(job))))
-        return table
+        rows = [tuple(map(clean, self._cells(job, self._now(job)))) for job in state.running()]
+        return fitting_table(title(state, following), COLUMNS, rows, self._printer.console.width)
 
     def _cells(self, job: JobState, now: JobProgress) -> tuple[str, ...]:
         stations = ", ".join(self._batch.plan.stations[job.name])
@@ -292,7 +274,7 @@ def title(state: BatchState, following: Next) -> str:
 
 def so_far(asked: JobTable, now: JobProgress) -> str:
     """Return the job's progress towards its end."""
-    passed = span(now.passed_s) + (f" of {asked.duration}" if asked.duration else "")
+    passed = span_of(now.passed_s, span_s(asked.duration) if asked.duration else None)
     if asked.units is not None:
         return f"{now.units} of {asked.units} units, {passed}"
     return passed if asked.joints is None else f"{passed}, to {asked.joints} joints"
@@ -306,6 +288,7 @@ def tools(now: JobProgress) -> str:
     return " ".join(part for part in (", ".join(states), warm) if part)
 
 
-def shown_by(shift: PreparedBatch, *, quiet: bool) -> Lines | Screen:
+def shown_by(shift: PreparedBatch, color: Color, *, quiet: bool) -> Lines:
     """Return the live table on a terminal, lines elsewhere and with --json."""
-    return Screen(shift) if is_terminal() and not quiet else Lines(shift)
+    printer = Printer(color)
+    return Screen(shift, printer) if is_terminal() and not quiet else Lines(shift, printer)

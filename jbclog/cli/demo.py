@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
+from jbclog.cli.options import Color
 from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.cli.streams import never_wait
 
@@ -25,6 +26,7 @@ DROPPED, OVERHEATED = "dde-2", "ucr-1"
 def demo(
     out: Path = typer.Option(Path("demo-runs"), "--out", "-o", metavar="DIR", help="Folder of runs."),
     seconds: float = typer.Option(20.0, min=LEAST_S, max=3600.0, metavar="S", help="Recording time, in seconds."),
+    color: Color = options.COLOR,
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Demonstrate a run on four virtual stations, recipe to report.
@@ -39,7 +41,7 @@ def demo(
     from jbclog.report.write import write_report
 
     never_wait()
-    result = _record(out, seconds, quiet=as_json)
+    result = _record(out, seconds, color, quiet=as_json)
     page = write_report(result.folder)
     shown = _shown(result)
     if as_json:
@@ -52,7 +54,7 @@ def demo(
         raise typer.Exit(1)
 
 
-def _record(out: Path, seconds: float, *, quiet: bool) -> Result:
+def _record(out: Path, seconds: float, color: Color, *, quiet: bool) -> Result:
     from jbclog.app.run.plan import Metadata, RunOptions, make_plan
     from jbclog.app.run.runner import conduct
     from jbclog.cli.progress import BackgroundObserver, observer
@@ -66,7 +68,7 @@ def _record(out: Path, seconds: float, *, quiet: bool) -> Result:
             note("four virtual stations: dde-1 and dde-2 (two tools each), ucr-1 (robot unit), ale-1 (solder feeder)")
         with SimProcess(line, Path(folder) / "ports", tcp=tcp) as stations:
             plan = make_plan(RunOptions(stations.line_path, recipe, duration_s=seconds, metadata=metadata))
-            shown = BackgroundObserver(observer(seconds, quiet=quiet))
+            shown = BackgroundObserver(observer(seconds, color, quiet=quiet))
             try:
                 return conduct(plan, out, shown, missed=shown.missed)
             finally:

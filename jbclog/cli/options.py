@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import unicodedata
 from collections.abc import Mapping, Sequence
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -92,6 +93,17 @@ TOOL = typer.Option(
     None, "--tool", "-t", min=0, max=9, metavar="N", help="Tool code; default: the connected tool.", show_default=False
 )
 CONDITION = typer.Option(None, "--condition", min=0, max=399, metavar="N", help="Solder condition (OMEGA).", show_default=False)
+
+
+class Color(StrEnum):
+    """When to use colours; ``auto``: on a terminal, unless NO_COLOR is set."""
+
+    AUTO = "auto"
+    ALWAYS = "always"
+    NEVER = "never"
+
+
+COLOR = typer.Option(Color.AUTO, "--color", metavar="auto|always|never", help="Colour events by severity.")
 AS_JSON = typer.Option(False, "--json", help="Print one JSON object.")
 
 LONGEST_TEXT = 200

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import select
 import threading
 import time
@@ -12,7 +11,9 @@ from pathlib import Path
 from queue import Full, Queue
 from typing import TYPE_CHECKING, Final
 
-from jbclog.cli.output import is_terminal, note, wrapped
+from jbclog.cli.options import Color
+from jbclog.cli.output import is_terminal
+from jbclog.cli.terminal import Column, Printer, fitting_table, moment, span_of, started_live
 from jbclog.core.rows import EventRow, Severity
 from jbclog.core.text import clean
 from jbclog.session.run.context import PortState, SessionContext
@@ -27,14 +28,22 @@ ALSO_SHOWN = (
     *("station.ready", "link.back", "robot.on", "unit.begin", "unit.again", "unit.finish", "unit.next", "run.goal"),
     "alarm.episode.cleared",
 )
+COLUMNS: Final = (
+    Column("station"),
+    Column("port"),
+    Column("now", is_number=True),
+    Column("set", is_number=True, dropped=2),
+    Column("status"),
+    Column("alarms", is_number=True),
+    Column("lost", is_number=True, dropped=1),
+)
 UNSAFE, SAFE = "safety.not_safe", "safety.safe_state"
 
 
 def event_line(event: EventRow) -> str:
-    """Return an event as one line: time of day in UTC, severity, station, text."""
-    moment = time.strftime("%H:%M:%S", time.gmtime(event.time // 1_000_000))
+    """Return an event as one line: time of day, severity, station, text."""
     text = event.text.removeprefix(f"{event.station}: ")
-    return f"{moment}Z  {event.severity.value:8}  {event.station or 'run'}: {text}"
+    return f"{moment(event.time / 1e6)}  {event.severity.value:8}  {event.station or 'run'}: {text}"
 
 
 class EventFilter:
@@ -56,93 +65,70 @@ class EventFilter:
 class Lines:
     """Lines for a log or a pipe, one for each event worth showing."""
 
-    def __init__(self) -> None:
+    def __init__(self, printer: Printer) -> None:
+        self._printer = printer
         self._filter = EventFilter()
 
     def begun(self, folder: Path) -> None:
-        note(f"recording into {folder}")
+        self._printer.print(f"recording into {folder}")
 
     def happened(self, event: EventRow) -> None:
         if self._filter.passes(event):
-            note(event_line(event))
+            self._printer.print(event_line(event), event.severity)
 
     def second(self, contexts: list[SessionContext]) -> None:
         return
 
     def sealing(self) -> None:
-        note("finalizing the record")
+        self.close()
+        self._printer.print("finalizing the record")
 
     def close(self) -> None:
         return
 
 
-class Screen:
+class Screen(Lines):
     """Live table for a terminal, with the events above it."""
 
-    def __init__(self, duration_s: float | None) -> None:
-        from rich.console import Console
-
-        self._console = Console(stderr=True, no_color="NO_COLOR" in os.environ, highlight=False)
-        self._filter = EventFilter()
+    def __init__(self, printer: Printer, duration_s: float | None) -> None:
+        super().__init__(printer)
         self._duration_s = duration_s
         self._began = time.monotonic()
         self._live: Live | None = None
 
     def begun(self, folder: Path) -> None:
-        from rich.live import Live
-
-        self._print(f"recording into {folder}; Ctrl-C ends the run and makes the tools safe")
-        # stdout is for data: rich must not redirect it to stderr while it shows a table
-        self._live = Live(console=self._console, auto_refresh=False, transient=True, redirect_stdout=False, redirect_stderr=False)
-        self._live.start()
-
-    def happened(self, event: EventRow) -> None:
-        if self._filter.passes(event):
-            self._print(event_line(event))
+        self._printer.print(f"recording into {folder}; Ctrl-C ends the run and makes the tools safe")
+        self._live = started_live(self._printer.console)
 
     def second(self, contexts: list[SessionContext]) -> None:
         if self._live is not None:
             self._live.update(self._table(contexts), refresh=True)
-
-    def sealing(self) -> None:
-        self.close()
-        self._print("finalizing the record")
 
     def close(self) -> None:
         if self._live is not None:
             self._live.stop()
             self._live = None
 
-    def _print(self, text: str) -> None:
-        self._console.print(wrapped(clean(text), self._console.width), markup=False, soft_wrap=True)
-
     def _table(self, contexts: list[SessionContext]) -> Table:
-        from rich.table import Table
-
-        passed = time.monotonic() - self._began
-        total = "" if self._duration_s is None else f" of {self._duration_s:g} s"
-        table = Table(title=f"{passed:.0f} s{total}", title_justify="left", pad_edge=False)
-        for name in ("station", "port", "now", "set", "status", "alarms", "link"):
-            table.add_column(name, justify="right" if name in ("now", "set", "alarms") else "left")
-        for context in contexts:
-            for cells in _cells(context):
-                table.add_row(*map(clean, cells))
-        return table
+        rows = [tuple(map(clean, cells)) for context in contexts for cells in _cells(context)]
+        return fitting_table(span_of(time.monotonic() - self._began, self._duration_s), COLUMNS, rows, self._printer.console.width)
 
 
 def _cells(context: SessionContext) -> Iterator[tuple[str, ...]]:
-    """Return a row for each port of a recorded station; one row for a station that is not recorded."""
-    alarms = str(context.facts.alarms or "")
+    """Return a row for each port of a recorded station; one row for a station that is not recorded.
+
+    Alarms and lost ticks are counted per station, and stand in its first row.
+    """
+    alarms, lost = str(context.facts.alarms or ""), str(context.facts.skipped or "")
     if context.facts.outcome != RUNNING or not context.ports:
         ports = ", ".join(map(str, context.ports))
-        yield context.name, ports, "", "", "", alarms, "starting" if context.facts.outcome == RUNNING else context.facts.outcome
+        yield context.name, ports, "", "", "starting" if context.facts.outcome == RUNNING else context.facts.outcome, alarms, lost
         return
     for port in context.ports.values():
         setting = context.set_c(port)
         wanted = "" if setting is None else f"{setting:g} °C"
-        link = "connected" if context.connected else "disconnected"
-        yield context.name, str(port.number), _tip(context, port), wanted, _status(context, port), alarms, link
-        alarms = ""  # counted per station
+        yield context.name, str(port.number), _tip(context, port), wanted, _status(context, port), alarms, lost
+        alarms = lost = ""
 
 
 def _tip(context: SessionContext, port: PortState) -> str:
@@ -153,16 +139,19 @@ def _tip(context: SessionContext, port: PortState) -> str:
 
 
 def _status(context: SessionContext, port: PortState) -> str:
-    if context.connected and port.states:  # OMEGA, one word per signal
+    if not context.connected:
+        return "disconnected"
+    if port.states:  # OMEGA, one word per signal
         return ", ".join(str(port.states[signal.name][0]) for signal in context.family.signals if signal.name in port.states)
-    if not context.connected or port.status is None:
+    if port.status is None:
         return "unknown"
     return context.family.status.state(port.status)
 
 
-def observer(duration_s: float | None, *, quiet: bool) -> Lines | Screen:
+def observer(duration_s: float | None, color: Color = Color.AUTO, *, quiet: bool) -> Lines:
     """Return the live table on a terminal, lines elsewhere and with --json."""
-    return Screen(duration_s) if is_terminal() and not quiet else Lines()
+    printer = Printer(color)
+    return Screen(printer, duration_s) if is_terminal() and not quiet else Lines(printer)
 
 
 # -- background observer ------------------------------------------------------------------------------------------------------
@@ -179,7 +168,7 @@ Notification = Callable[[], None]
 class BackgroundObserver:
     """Forwards the notifications of a run to `observer` in a thread, as soon as stderr accepts text. `close` ends it."""
 
-    def __init__(self, observer: Lines | Screen) -> None:
+    def __init__(self, observer: Lines) -> None:
         self._observer = observer
         self._waiting: Queue[Notification | None] = Queue(WAITING_MOST)
         self._is_closing = False

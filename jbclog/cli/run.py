@@ -12,18 +12,16 @@ from typing import TYPE_CHECKING, Final
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.options import check_text
+from jbclog.cli.options import Color, check_text
 from jbclog.cli.output import echo, echo_json, is_terminal, note, reports_errors
 from jbclog.cli.streams import never_wait
 from jbclog.core.errors import UsageError
-from jbclog.core.outcome import Exit, in_order, tools_text
+from jbclog.core.outcome import VERDICT_FINDING, Exit, in_order, tools_text
 
 if TYPE_CHECKING:
     from jbclog.app.run.plan import Plan, RunOptions
     from jbclog.app.run.run_record import Result
     from jbclog.transport.typed_lines import LineSource, TypedLine
-
-MOST_REASONS = 12  # on the terminal; manifest and report have all
 
 
 @reports_errors
@@ -54,6 +52,8 @@ def run(
     no_guard: bool = typer.Option(False, "--no-guard", help="Run without the guard process."),
     allow_omega_write: bool = options.ALLOW_OMEGA_WRITE,
     allow_missing: bool = typer.Option(False, "--allow-missing", help="Start without stations that are missing or refuse."),
+    report: bool = typer.Option(False, "--report", help="Write the report at the end, as `jbclog report` does."),
+    color: Color = options.COLOR,
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Apply a recipe, confirm every setting, and record.
@@ -77,26 +77,32 @@ def run(
     wanted = replace(
         wanted, allow_missing=allow_missing, wire=wire, guard=not no_guard, until_units=until_units, until_joints=until_joints
     )
-    code = record(wanted, out, source, as_json=as_json)
-    raise typer.Exit(code)
+    raise typer.Exit(record(wanted, out, source, color, report=report, as_json=as_json))
 
 
-def record(wanted: RunOptions, out: Path, units: LineSource | None = None, *, as_json: bool) -> int:
+def record(wanted: RunOptions, out: Path, units: LineSource | None, color: Color, *, report: bool, as_json: bool) -> int:
     """Run the job, print its result and return its exit code."""
     from jbclog.app.run.runner import Job, carry_out
     from jbclog.cli.progress import BackgroundObserver, observer
 
-    shown = BackgroundObserver(observer(wanted.duration_s, quiet=as_json))
+    shown = BackgroundObserver(observer(wanted.duration_s, color, quiet=as_json))
     try:
         with without_echo(units):
             result = carry_out(Job(wanted, out), shown, units=units, missed=shown.missed, planned=_print_notes)
     finally:
         shown.close()
+    page = _report(result) if report else None
     if as_json:
-        echo_json(_facts(result))
+        echo_json(_facts(result) | ({"report": str(page)} if page else {}))
     else:
-        _print(result)
+        _print(result, page)
     return result.exit_code.value
+
+
+def _report(result: Result) -> Path:
+    from jbclog.report.write import write_report  # only now: it loads pandas and matplotlib
+
+    return write_report(result.folder)
 
 
 def _print_notes(plan: Plan) -> None:
@@ -104,22 +110,35 @@ def _print_notes(plan: Plan) -> None:
         note(f"note: {text}")
 
 
-def _print(result: Result) -> None:
-    for finding in in_order(result.findings):
-        note(f"exit {finding.code.value}: {finding.text}")
-    if result.exit_code is Exit.NOT_FINE:  # the findings of worse codes already explain the verdict
-        _print_reasons(result)
+def _print(result: Result, page: Path | None) -> None:
+    """Print a line for each station with findings, and three for the verdict; the report has the rest."""
+    for text in _finding_lines(result):
+        note(text)
+    note(f"verdict: {result.manifest.verdict}; exit code {result.exit_code.value}{_first_reason(result)}")
     note(tools_text(result.manifest.stations))
-    note(f"verdict: {result.manifest.verdict}; exit code {result.exit_code.value}")
+    note(f"report: {page}" if page else f"Next: jbclog report {result.folder}")
     echo(str(result.folder))
 
 
-def _print_reasons(result: Result) -> None:
-    reasons = verdict_reasons(result.manifest.verdict_rules)
-    for text in reasons[:MOST_REASONS]:
-        note(f"  {text}")
-    if len(reasons) > MOST_REASONS:
-        note(f"  and {len(reasons) - MOST_REASONS} more; see `jbclog report {result.folder}`")
+def _finding_lines(result: Result) -> list[str]:
+    """Return the findings, most severe first; those of one station on one line."""
+    names = [facts.name for facts in result.manifest.stations]
+    lines: dict[str, str] = {}
+    for finding in in_order(result.findings):
+        if finding.text == VERDICT_FINDING.format(result.manifest.verdict):
+            continue  # has a line of its own
+        name = next((name for name in names if finding.text.startswith(f"{name}: ")), finding.text)
+        text = finding.text.removeprefix(f"{name}: ") if name in lines else f"exit {finding.code.value}: {finding.text}"
+        lines[name] = f"{lines[name]}; {text}" if name in lines else text
+    return list(lines.values())
+
+
+def _first_reason(result: Result) -> str:
+    """Return the most severe reason of the verdict, and the number of the others; nothing where another finding explains it."""
+    reasons = verdict_reasons(result.manifest.verdict_rules) if result.exit_code is Exit.NOT_FINE else []
+    if not reasons:
+        return ""
+    return f". {reasons[0]}{f', and {len(reasons) - 1} more' if len(reasons) > 1 else ''}"
 
 
 def _facts(result: Result) -> dict[str, object]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from jbclog.core.states import SafetyResult, StationOutcome
 
@@ -54,6 +54,9 @@ class RunFinding:
     text: str
 
 
+VERDICT_FINDING: Final = "the verdict is {}"
+
+
 def findings(
     stations: Iterable[StationFacts],
     *,
@@ -79,7 +82,7 @@ def findings(
     if not any(goal.is_met for goal in goals):
         found += [RunFinding(Exit.NOT_FINE, goal.text.rstrip(".")) for goal in goals]
     if verdict not in FINE_VERDICTS:
-        found.append(RunFinding(Exit.NOT_FINE, f"the verdict is {verdict}"))
+        found.append(RunFinding(Exit.NOT_FINE, VERDICT_FINDING.format(verdict)))
     return found
 
 

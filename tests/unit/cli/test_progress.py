@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import io
+import re
+import time
 from pathlib import Path
 
 import pytest
+from rich.cells import cell_len
 from rich.console import Console
 
-from jbclog.cli import progress
+from jbclog.cli import progress, terminal
+from jbclog.cli.options import Color
 from jbclog.config.load_recipe import parse_recipe
 from jbclog.core.clock import SystemClock, UtcOffset
 from jbclog.core.rows import EventRow, NoJournal, Severity
@@ -30,50 +34,114 @@ def context(name: str = "dde-1", outcome: str = "running") -> SessionContext:
     return found
 
 
-def rows(monkeypatch: pytest.MonkeyPatch, *contexts: SessionContext) -> list[list[str]]:
-    """The table's cells, as a terminal shows them."""
-    monkeypatch.setattr(progress, "is_terminal", lambda: True)
-    screen = progress.observer(60.0, quiet=False)
-    assert isinstance(screen, progress.Screen)
-    console = Console(file=io.StringIO(), width=100)
+@pytest.fixture
+def screen(monkeypatch: pytest.MonkeyPatch) -> progress.Screen:
+    """The live table of a run of a minute."""
+    for module in (progress, terminal):
+        monkeypatch.setattr(module, "is_terminal", lambda: True)
+    shown = progress.observer(60.0, quiet=False)
+    assert isinstance(shown, progress.Screen)
+    return shown
+
+
+def drawn(screen: progress.Screen, *contexts: SessionContext, width: int = 100) -> list[str]:
+    """The table's lines, as a terminal of this width shows them."""
+    screen._printer.console = console = Console(file=io.StringIO(), width=width)
     console.print(screen._table(list(contexts)))
-    lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    return console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+
+
+def rows(screen: progress.Screen, *contexts: SessionContext) -> list[list[str]]:
+    """The cells of its ports."""
+    lines = drawn(screen, *contexts)
     return [[cell.strip() for cell in line.split("│")[1:-1]] for line in lines if "dde-" in line]
 
 
-def test_what_is_known_and_what_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert rows(monkeypatch, context()) == [
-        ["dde-1", "1", "349 °C", "350 °C", "working", "2", "connected"],
-        ["dde-1", "2", "unknown", "", "unknown", "", "connected"],  # alarms are the station's, told once
+def test_what_is_known_and_what_is_not(screen: progress.Screen) -> None:
+    found = context()
+    found.facts.skipped = 3
+    assert rows(screen, found) == [
+        ["dde-1", "1", "349 °C", "350 °C", "working", "2", "3"],
+        ["dde-1", "2", "unknown", "", "unknown", "", ""],  # alarms and lost ticks are the station's, shown once
     ]
 
 
-def test_an_omega_shows_its_states_in_its_own_words(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(("width", "gone"), [(100, set()), (66, {"lost"}), (60, {"lost", "set"})])
+def test_a_narrow_terminal_shows_fewer_columns_and_cuts_none(screen: progress.Screen, width: int, gone: set[str]) -> None:
+    lines = drawn(screen, context("dde-workplace-12"), width=width)
+    (heads,) = (line for line in lines if "station" in line)
+    assert {"station", "port", "now", "set", "status", "alarms", "lost"} - set(heads.replace("┃", " ").split()) == gone
+    assert "…" not in "".join(lines)
+    assert any("dde-workplace-12" in line for line in lines)
+    assert max(map(cell_len, lines)) <= width
+
+
+@pytest.mark.parametrize(
+    ("passed", "shown"),
+    [
+        (12.2, "12 s of 20 s, 8 s left"),
+        (19.4, "19 s of 20 s, 1 s left"),
+        (20.0, "20 s of 20 s, ending"),
+        (22.0, "20 s of 20 s, ending"),
+    ],
+)
+def test_more_than_all_of_a_duration_never_passes(passed: float, shown: str) -> None:
+    assert terminal.span_of(passed, 20.0) == shown
+    assert terminal.span_of(3725.0, None) == "1:02:05"
+
+
+def test_an_omega_shows_its_states_in_its_own_words(screen: progress.Screen) -> None:
     omega, family = context(), FAMILIES["omega"]
     omega.family, omega.facts.alarms = family, 0
     omega.ports = {1: PortState(1, states={"solder_shortage": ("normal", 1.0), "preparing": ("ready", 1.0)})}
-    assert rows(monkeypatch, omega) == [["dde-1", "1", "", "", "normal, ready", "", "connected"]]
+    assert rows(screen, omega) == [["dde-1", "1", "", "", "normal, ready", "", ""]]
 
 
 @pytest.mark.parametrize("outcome", ["refused", "gone", "stopped", "failed", "completed"])
-def test_a_station_that_has_ended_shows_how(monkeypatch: pytest.MonkeyPatch, outcome: str) -> None:
-    assert rows(monkeypatch, context(outcome=outcome)) == [["dde-1", "1, 2", "", "", "", "2", outcome]]
+def test_a_station_that_has_ended_shows_how(screen: progress.Screen, outcome: str) -> None:
+    assert rows(screen, context(outcome=outcome)) == [["dde-1", "1, 2", "", "", outcome, "2", ""]]
 
 
-def test_a_station_that_is_away(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_station_that_is_away(screen: progress.Screen) -> None:
     away = context()
     away.connected = False
-    assert [row[2:5:2] + row[6:] for row in rows(monkeypatch, away)] == [["unknown", "unknown", "disconnected"]] * 2
+    assert [row[2:5:2] for row in rows(screen, away)] == [["unknown", "disconnected"]] * 2
 
 
-def test_events_are_broken_between_words(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setenv("COLUMNS", "50")
-    text = "dde-1: 20 Hz does not fit its wire: 84.8 % in use with 1.00 ms of turnaround, 95 % is the limit"
-    progress.Screen(None).happened(EventRow(0, "station.refused", Severity.ERROR, text, "dde-1"))
-    told = capsys.readouterr().err.rstrip("\n")
-    assert told.split() == ["00:00:00Z", "error", *text.split()]  # the station's name once, no word in two pieces
-    assert max(map(len, told.split("\n"))) < 50
-    assert len(told.split("\n")) == 3
+TEXT = "dde-1: 20 Hz does not fit its wire: 84.8 % in use with 1.00 ms of turnaround, 95 % is the limit"
+
+
+def test_events_are_broken_between_words(
+    monkeypatch: pytest.MonkeyPatch, screen: progress.Screen, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With the local time and its zone."""
+    monkeypatch.setenv("TZ", "Asia/Kolkata")
+    time.tzset()
+    screen._printer = terminal.Printer(Color.ALWAYS)
+    screen._printer.console.width = 50
+    screen.happened(EventRow(0, "unit.begin", Severity.INFO, TEXT, "dde-1"))
+    shown = capsys.readouterr().err.splitlines()
+    assert " ".join(shown).split() == ["05:30:00", "IST", "info", *TEXT.split()]  # the station's name once, no word in two pieces
+    assert max(map(len, shown)) < 50
+    assert len(shown) == 3
+    monkeypatch.undo()
+    time.tzset()
+
+
+@pytest.mark.parametrize(("color", "no_color"), [(Color.ALWAYS, ""), (Color.ALWAYS, "1"), (Color.NEVER, ""), (Color.AUTO, "")])
+def test_events_have_the_colour_of_their_severity(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], color: Color, no_color: str
+) -> None:
+    """Where colours are asked for; stderr is no terminal here."""
+    monkeypatch.setenv("NO_COLOR", no_color)
+    monkeypatch.setenv("TERM", "xterm")
+    shown = progress.Lines(terminal.Printer(color))
+    for severity in Severity:
+        shown.happened(EventRow(0, "unit.begin", severity, TEXT, "dde-1"))
+    lines = capsys.readouterr().err.splitlines()
+    codes = ["", "\x1b[33m", "\x1b[31m", "\x1b[1;31m"] if color is Color.ALWAYS else [""] * 4
+    assert ["".join(re.findall(r"\x1b\[[0-9;]+m", line)[:1]) for line in lines] == codes
+    assert all("00:00:00Z" in line for line in lines)
 
 
 def test_lines_for_a_log_are_left_whole(capsys: pytest.CaptureFixture[str]) -> None:

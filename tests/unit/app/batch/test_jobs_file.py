@@ -193,8 +193,8 @@ def test_a_duration_beside_units_or_joints_is_their_bound() -> None:
 @pytest.mark.parametrize(
     ("end", "shown"),
     [
-        ('duration = "15m"', "40 s of 15m"),
-        ('duration = "15m"\nunits = 9\nunits_from = "/dev/null"', "3 of 9 units, 40 s of 15m"),
+        ('duration = "15m"', "40 s of 15:00, 14:20 left"),
+        ('duration = "15m"\nunits = 9\nunits_from = "/dev/null"', "3 of 9 units, 40 s of 15:00, 14:20 left"),
         ("joints = 200", "40 s, to 200 joints"),
     ],
 )

@@ -1,0 +1,111 @@
+"""What a terminal shows of time and severity: local time with its zone, and colours. Files and pipes get UTC, and no colour."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from jbclog.cli.options import Color
+from jbclog.cli.output import is_terminal, note, wrapped
+from jbclog.core.rows import Severity
+from jbclog.core.text import clean
+
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.live import Live
+    from rich.table import Table
+
+
+STYLES: Final = {Severity.WARNING: "yellow", Severity.ERROR: "red", Severity.CRITICAL: "bold red"}
+
+
+def console(color: Color) -> Console:
+    """Return the console of stderr."""
+    from rich.console import Console
+
+    plain = color is Color.NEVER or (color is Color.AUTO and bool(os.environ.get("NO_COLOR")))
+    return Console(stderr=True, highlight=False, no_color=plain, force_terminal=True if color is Color.ALWAYS else None)
+
+
+class Printer:
+    """Prints lines on stderr, in the colour of their severity where there are colours; wraps them on a terminal."""
+
+    def __init__(self, color: Color) -> None:
+        self.console = console(color)
+        self._is_plain = not self.console.is_terminal
+
+    def print(self, text: str, severity: Severity = Severity.INFO) -> None:
+        if self._is_plain:
+            note(text)
+        else:
+            shown = wrapped(clean(text), self.console.width) if is_terminal() else clean(text)
+            self.console.print(shown, style=STYLES.get(severity), markup=False, soft_wrap=True)
+
+
+def started_live(console: Console) -> Live:
+    """Return a started live display that leaves stdout alone: that is for data."""
+    from rich.live import Live
+
+    live = Live(console=console, auto_refresh=False, transient=True, redirect_stdout=False, redirect_stderr=False)
+    live.start()
+    return live
+
+
+class Column(NamedTuple):
+    """A column of a live table. On a narrow terminal columns go in the order of `dropped`; those without it stay."""
+
+    name: str
+    is_number: bool = False
+    dropped: int | None = None
+
+
+def fitting_table(title: str, columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int) -> Table:
+    """Return the table with as many of its columns as fit into `width` cells."""
+    from rich.table import Table
+
+    shown = _fitting(columns, rows, width)
+    table = Table(title=clean(title), title_justify="left", pad_edge=False)
+    for column in shown:
+        table.add_column(column.name, justify="right" if column.is_number else "left")
+    places = [columns.index(column) for column in shown]
+    for row in rows:
+        table.add_row(*(row[place] for place in places))
+    return table
+
+
+def _fitting(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int) -> list[Column]:
+    """Return the columns that are shown; each takes its longest cell, two blanks and a line."""
+    from rich.cells import cell_len
+
+    needs = {one: 3 + max(map(cell_len, (one.name, *(row[at] for row in rows)))) for at, one in enumerate(columns)}
+    first_out = sorted((one for one in columns if one.dropped is not None), key=lambda one: one.dropped or 0)
+    left = list(columns)
+    while first_out and sum(needs[one] for one in left) > width:
+        left.remove(first_out.pop(0))
+    return left
+
+
+def moment(utc_s: float) -> str:
+    """Return a time of day: ``08:45:12 CET`` on a terminal, ``07:45:12Z`` elsewhere."""
+    if not is_terminal():
+        return time.strftime("%H:%M:%SZ", time.gmtime(utc_s))
+    return time.strftime("%H:%M:%S %Z", time.localtime(utc_s))
+
+
+def span(passed_s: float) -> str:
+    """Return a duration: ``45 s``, ``12:30``, ``1:02:03``."""
+    minutes, rest = divmod(round(passed_s), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f"{hours}:{minutes:02}:{rest:02}"
+    return f"{minutes}:{rest:02}" if minutes else f"{rest} s"
+
+
+def span_of(passed_s: float, duration_s: float | None) -> str:
+    """Return how much of a duration has passed, and what is left: ``12 s of 20 s, 8 s left``. Never more than all of it."""
+    if duration_s is None:
+        return span(passed_s)
+    left_s = duration_s - passed_s
+    return f"{span(min(passed_s, duration_s))} of {span(duration_s)}, {f'{span(left_s)} left' if left_s > 0.5 else 'ending'}"
