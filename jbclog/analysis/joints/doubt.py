@@ -23,12 +23,13 @@ from typing import Final
 
 import numpy as np
 
-from jbclog.analysis.joints.draw import Draw, draws_of, is_joint
-from jbclog.analysis.joints.draws import Flow, flows
+from jbclog.analysis.joints.contacts import Flow, flows
+from jbclog.analysis.joints.draws import Draw, draws_of, is_joint
 from jbclog.analysis.joints.heat_up_end import Readied
 from jbclog.analysis.joints.identify import windows
 from jbclog.analysis.joints.parameters import Taken
 from jbclog.analysis.joints.thermal import ThermalModel, noise_at, power_noise
+from jbclog.analysis.joints.tools import Tool
 
 SLOW_S: Final = 0.25  # readings further apart show less of a gap
 MOST_DOUBT, MOST_DOUBT_SLOW = 0.03, 0.02
@@ -68,14 +69,6 @@ class Doubt:
     least: int
     most: int
     looked_at: int
-
-
-@dataclass(frozen=True, slots=True)
-class Tool:
-    """The stretches of a tool and its model."""
-
-    parts: Sequence[Readied]
-    model: ThermalModel
 
 
 def doubt_of(tools: Sequence[Tool], settings: Taken) -> Doubt:

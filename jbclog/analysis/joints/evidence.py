@@ -15,7 +15,7 @@ from typing import Final
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.analysis.joints.feeds import feeds_of
+from jbclog.analysis.joints.draws import Draw
 from jbclog.analysis.joints.joints import Found as JointsFound
 from jbclog.analysis.joints.joints import find_joints
 from jbclog.analysis.joints.parameters import Asked, asked_of
@@ -23,6 +23,7 @@ from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, PortReader
 from jbclog.analysis.joints.port_rows import CYCLES, cycles_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Cycles, Series
+from jbclog.analysis.joints.solder_wire import between, feeds_counted
 from jbclog.analysis.joints.sweeps import PortSweeps
 from jbclog.analysis.verdict import Feeds, PortJoints, Recovery
 from jbclog.analysis.verdict.idle import Floats
@@ -33,6 +34,7 @@ from jbclog.record.folder import joints_asked
 from jbclog.record.parts import row_groups
 from jbclog.record.schema import SCHEMAS
 
+EDGE_S: Final = 1.0
 COUNTERS: Final = ["time", "station", "port", "counter", "value"]
 Found = dict[tuple[str, int], PortJoints]
 
@@ -116,3 +118,27 @@ def _recovery(joint: Joint) -> Recovery | None:
 def _cycles(counters: pa.Table, rows_us: Counts, seconds: Floats) -> Cycles:
     read = counters.filter(pc.and_(pc.equal(counters["counter"], CYCLES), pc.is_valid(counters["value"])))
     return cycles_of(micros(read), floats(read["value"]), rows_us, seconds)
+
+
+def feeds_of(series: Series, draws: Sequence[Draw], stepped_s: float = 0.0) -> Feeds:
+    """What was found and counted between the first and the last reading; `stepped_s` is by how much the wall clock was stepped.
+
+    `draws` are the joints by heat alone: those that the feeder helped to find would be held against itself.
+    """
+    counted = feeds_counted(series)
+    if counted.value is None or series.cycles is None:
+        return Feeds(0, 0, 0, None, why=counted.why or "")
+    start, end = between(series, series.cycles.seconds)
+    sides = [start <= draw.start_s < end for draw in draws if _is_near(draw, (start, end), EDGE_S + stepped_s)]
+    found = sum(start <= draw.start_s < end for draw in draws)
+    return Feeds(found, sum(sides), len(sides) - sum(sides), round(counted.value), _lost_s(series, start, end))
+
+
+def _is_near(draw: Draw, edges: Sequence[float], slack_s: float) -> bool:
+    return any(draw.start_s - slack_s <= edge <= draw.end_s + slack_s for edge in edges)
+
+
+def _lost_s(series: Series, start: float, end: float) -> float:
+    """For how long temperature or power was not read, where there is a gap; single rows that were lost hide no joint."""
+    windows = [series.window(column, start, end) for column in (series.rows.temperature, series.rows.power)]
+    return max((window.due - window.n) * series.period_s if window.gap else 0.0 for window in windows)

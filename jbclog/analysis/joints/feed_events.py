@@ -19,8 +19,9 @@ from typing import Final
 
 import numpy as np
 
+from jbclog.analysis.joints.segments import runs
 from jbclog.analysis.joints.series import Cycles, Series
-from jbclog.analysis.verdict.idle import Floats
+from jbclog.analysis.verdict.idle import Flags, Floats
 
 ONE_FEED_S: Final = 0.3
 ONE_CYCLE_S: Final = 3.0  # pushes further apart than this are never one cycle of the feeder
@@ -105,11 +106,9 @@ def pushes_in(series: Series) -> list[Feed]:
     if series.feeding is None:
         return []
     read = ~np.isnan(series.feeding)
-    seconds, pushing = series.seconds[read], (series.feeding[read] > 0).astype(np.int8)
-    sides = np.flatnonzero(np.diff(np.concatenate(([0], pushing, [0]))))
-    half = series.period_s / 2
+    seconds, half = series.seconds[read], series.period_s / 2
     feeds: list[Feed] = []
-    for first, last in zip(sides[::2].tolist(), sides[1::2].tolist(), strict=True):
+    for first, last in zip(*(rows.tolist() for rows in runs(series.feeding[read] > 0)), strict=True):
         start = float(seconds[first])
         end = max(float(seconds[last - 1]), min(start + half, float(series.seconds[-1])))
         if feeds and start - feeds[-1].end_s < ONE_FEED_S:
@@ -119,25 +118,24 @@ def pushes_in(series: Series) -> list[Feed]:
     return feeds
 
 
-def _grown(cycles: Cycles) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], Floats]:
+def _grown(cycles: Cycles) -> tuple[Flags, Floats]:
     """From each reading to the next: whether the counter was not reset, and by how much it grew."""
     grown = np.diff(cycles.counted)
     return grown >= 0, np.where(grown >= 0, grown, 0.0)
 
 
-def _spans(at: Floats, known: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[tuple[float, float]]:
-    sides = np.flatnonzero(np.diff(np.concatenate(([0], known.astype(np.int8), [0]))))
-    return [(float(at[first]), float(at[last])) for first, last in zip(sides[::2], sides[1::2], strict=True)]
+def _spans(at: Floats, known: Flags) -> list[tuple[float, float]]:
+    return [(float(at[first]), float(at[last])) for first, last in zip(*runs(known), strict=True)]
 
 
-def _beyond(pushes: Sequence[Feed], cycles: Cycles, known: np.ndarray[tuple[int], np.dtype[np.bool_]], grown: Floats) -> Floats:
+def _beyond(pushes: Sequence[Feed], cycles: Cycles, known: Flags, grown: Floats) -> Floats:
     """From each reading to the next: by how much more the counter grew than was seen, below zero where it grew by less."""
     as_begun = _left(np.array([one.start_s for one in pushes]), cycles.seconds, known, grown)
     as_ended = _left(np.array([one.end_s for one in pushes]), cycles.seconds, known, grown)
     return min((as_begun, as_ended), key=lambda left: float(np.abs(left).sum()))
 
 
-def _left(moments: Floats, at: Floats, known: np.ndarray[tuple[int], np.dtype[np.bool_]], grown: Floats) -> Floats:
+def _left(moments: Floats, at: Floats, known: Flags, grown: Floats) -> Floats:
     """The same, where feeds count at these moments. One that was seen on one side of a reading and counted on the other is none."""
     seen = np.diff(np.searchsorted(moments, at, side="right"))
     left = np.where(known, grown - seen, 0.0)

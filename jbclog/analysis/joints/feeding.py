@@ -26,9 +26,8 @@ from typing import Final
 
 import numpy as np
 
-from jbclog.analysis.joints.cuts import Flows, cut, has_fallen, lowest_between, put_together
-from jbclog.analysis.joints.draw import Draw
-from jbclog.analysis.joints.draws import Flow
+from jbclog.analysis.joints.contacts import Flow
+from jbclog.analysis.joints.draws import Draw, Flows, cut, has_fallen, lowest_between, put_together
 from jbclog.analysis.joints.feed_events import Counted, Feed, FeedEvents, feed_events
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.track import track_of

@@ -27,10 +27,19 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from jbclog.analysis.joints.contacts import Flow, find_spans
 from jbclog.analysis.joints.delay import delay_of
-from jbclog.analysis.joints.draws import Flow, find_spans
 from jbclog.analysis.joints.heat_up_end import Readied
-from jbclog.analysis.joints.mixture import USUAL_CAPACITY, USUAL_LOSS, Rows, first_estimates
+from jbclog.analysis.joints.mixture import (
+    FLAT_PERMILLE,
+    REFERENCE_NOISE,
+    USUAL_CAPACITY,
+    USUAL_LOSS,
+    Limits,
+    Rows,
+    bounded_solution,
+    first_estimates,
+)
 from jbclog.analysis.joints.thermal import (
     AIR_C,
     COARSE_S,
@@ -71,10 +80,13 @@ LEAST_REST_S, LEAST_REST_ROWS = 3.0, 30
 BACKWARD_NOISES, MOST_BACKWARD = 5.0, 0.15
 BACKWARD_COST: Final = 10.0  # rows at rest that one in which heat comes back takes away
 KNOWN_COST: Final = 3.0  # and one of a heat-up that is not explained
-FLAT_PERMILLE: Final = 1500.0  # the range of the flow in contact
-REFERENCE_NOISE: Final = 20.0
 CAPACITY_SPREAD, LOSS_SPREAD, PRIOR_SHARE = 0.6, 0.6, 0.04  # of logarithms; of all rows
 MEDIAN_TO_SD: Final = 1.4826
+LIMITS: Final[Sequence[tuple[int, Limits]]] = (  # of 1 / capacity, lag / capacity and second / capacity
+    (0, lambda _: INVERSE_RANGE),
+    (2, lambda fitted: (LAG_RANGE_S[0] * max(fitted[0], 1e-3), LAG_RANGE_S[1] * max(fitted[0], 1e-3))),
+    (3, lambda _: SECOND_RANGE_S),
+)
 MOST_TIMES: Final = 6.0  # more noise than this is no noise
 
 
@@ -107,6 +119,13 @@ def identify(parts: Sequence[Readied]) -> Identified:
     best = max(tried, key=lambda one: one.score)
     found = _judged(rows, best.rest, best.fit, best.noise, read)
     return found if found.model is None else replace(found, model=replace(found.model, delay=delay))
+
+
+def identify_each(tools: Sequence[Sequence[Readied]]) -> tuple[list[ThermalModel | None], str | None]:
+    """Return the model of each tool, None where it is not known, and the first reason why one is not."""
+    found = [identify(parts) for parts in tools]
+    why = next((one.why for one in found if one.why is not None), None)
+    return [one.model if one.why is None else None for one in found], why
 
 
 def _starts(estimates: list[Floats]) -> list[Floats]:
@@ -282,7 +301,7 @@ def _refined(parts: Sequence[_Part], rest: Flags, known: Flags, values: Floats, 
         weight = _weights(left, piece, sure, noise_c)
         near, aim = _centred(terms, piece, weight), _centred(read, piece, weight)
         weighted = near * weight[:, None]
-        fitted = _bounded(weighted.T @ near + stiff, weighted.T @ aim + stiff @ usual)
+        fitted = bounded_solution(weighted.T @ near + stiff, weighted.T @ aim + stiff @ usual, LIMITS)
     left = aim - near @ fitted
     scores = np.add.reduceat(weighted * left[:, None], np.flatnonzero(np.diff(piece, prepend=-1)), axis=0)
     bread = np.linalg.inv(weighted.T @ near + stiff)
@@ -302,21 +321,6 @@ def _weights(left: Floats, piece: NDArray[np.int64], sure: Flags, noise_c: float
     leaves = np.maximum(-turns - LEAVES_NOISES, 0.0) / LEAVES_NOISES
     near = 1 / (1 + np.square(left / (3 * noise_c)))
     return np.asarray(np.where(sure, 1.0, near / (1 + np.square(leaves))[piece]), dtype=np.float64)
-
-
-def _bounded(moments: Floats, right: Floats) -> Floats:
-    """The least squares solution, with lag and second mass within what a station has."""
-    fitted = np.linalg.solve(moments, right)
-    held: list[int] = []
-    for place, (low, high) in ((0, INVERSE_RANGE), (2, LAG_RANGE_S), (3, SECOND_RANGE_S)):
-        scale = max(fitted[0], 1e-3) if place == 2 else 1.0
-        bound = min(max(fitted[place], low * scale), high * scale)
-        if bound != fitted[place]:
-            held.append(place)
-            fitted[place] = bound
-            free = [one for one in range(4) if one not in held]
-            fitted[free] = np.linalg.solve(moments[np.ix_(free, free)], right[free] - moments[np.ix_(free, held)] @ fitted[held])
-    return np.asarray(fitted, dtype=np.float64)
 
 
 def _as_balance(fitted: Floats, covariance: Floats, fits: float) -> _Fit:

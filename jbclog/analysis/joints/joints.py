@@ -16,18 +16,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from jbclog.analysis.joints.doubt import Doubt, Tool, doubt_of, why_not_known
-from jbclog.analysis.joints.draw import Draw, draws_of, is_joint
-from jbclog.analysis.joints.draws import Flow, flows
+from jbclog.analysis.joints.contacts import Flow, flows
+from jbclog.analysis.joints.doubt import Doubt, doubt_of, why_not_known
+from jbclog.analysis.joints.draws import Draw, draws_of, is_joint
 from jbclog.analysis.joints.feeding import Witnessed, witnessed
-from jbclog.analysis.joints.heat_up_end import Readied, readied
-from jbclog.analysis.joints.identify import identify
+from jbclog.analysis.joints.heat_up_end import readied
+from jbclog.analysis.joints.identify import identify_each
 from jbclog.analysis.joints.levels import resting_levels
 from jbclog.analysis.joints.parameters import Asked, Taken, regular_every_s, taken
 from jbclog.analysis.joints.recovery import Joint, joints_of
 from jbclog.analysis.joints.series import Series, stretches, unseen
 from jbclog.analysis.joints.thermal import ThermalModel
-from jbclog.analysis.joints.tools import by_tool
+from jbclog.analysis.joints.tools import Tool, by_tool
 
 NEVER_READ = "Temperature and power of a working tool were never read together."
 
@@ -74,7 +74,9 @@ def find_joints(series: Series, asked: Asked | None = None) -> Found:
     settings = taken(asked, series.period_s, False)
     found = stretches(series)
     parts, lost = readied(found), unseen(series, found)
-    tools, why = _tools(series, parts) if parts else ([], NEVER_READ)
+    by_exchange = by_tool(series, parts)
+    each, why = identify_each(by_exchange) if parts else ([], NEVER_READ)
+    tools = [Tool(pieces, model) for pieces, model in zip(by_exchange, each, strict=True) if model is not None]
     looked, models = _looked(tools)
     every = [draw for flow, model in zip(looked, models, strict=True) for draw in draws_of(flow, model, settings)]
     seen = witnessed(series, every, looked, asked.wire_decides)
@@ -83,27 +85,48 @@ def find_joints(series: Series, asked: Asked | None = None) -> Found:
     others = sorted([*others, *(() if seen is None else seen.others)], key=lambda draw: draw.start_s)
     levels = resting_levels(looked, every)
     joints = joints_of(series, draws, [*draws, *others], levels, settings.recovered_within_c)
-    settings = replace(settings, every_s=regular_every_s([joint.start_s for joint in joints]))
     by_heat, _ = sort_draws(every, settings)
     doubt = doubt_of(tools, settings) if tools else None
-    number_why = None if doubt is None else why_not_known(doubt, len(by_heat), series.period_s)
-    unknown = None if settings.wire_decides else why or number_why
+    heat = ByHeat(list(dict.fromkeys(models)), why, by_heat, doubt)
+    return concluded(joints, others, levels, settings, heat, lost, series.period_s, seen)
+
+
+@dataclass(frozen=True, slots=True)
+class ByHeat:
+    """What the heat balance shows by itself: the models of the tools, or why there is none; its joints; and their doubt."""
+
+    models: list[ThermalModel]
+    why: str | None
+    draws: list[Draw]
+    doubt: Doubt | None
+
+
+def concluded(
+    joints: list[Joint],
+    others: list[Draw],
+    levels: dict[float, float],
+    settings: Taken,
+    heat: ByHeat,
+    lost: tuple[float, int],
+    period_s: float,
+    seen: Witnessed | None = None,
+) -> Found:
+    """Return the joints of a port with what is not known of them; `lost` is what `series.unseen` returns."""
+    number_why = None if heat.doubt is None else why_not_known(heat.doubt, len(heat.draws), period_s)
     return Found(
-        joints, others, list(dict.fromkeys(models)), levels, settings, seen, unknown, *lost, why, by_heat, number_why, doubt
+        joints,
+        others,
+        heat.models,
+        levels,
+        replace(settings, every_s=regular_every_s([joint.start_s for joint in joints])),
+        seen,
+        None if settings.wire_decides else heat.why or number_why,
+        *lost,
+        heat.why,
+        heat.draws,
+        number_why,
+        heat.doubt,
     )
-
-
-def _tools(series: Series, parts: Sequence[Readied]) -> tuple[list[Tool], str | None]:
-    """The tools whose model is known; and why there is one of which it is not."""
-    tools: list[Tool] = []
-    why: str | None = None
-    for tool in by_tool(series, parts):
-        found = identify(tool)
-        if found.model is None or found.why is not None:
-            why = why or found.why
-            continue
-        tools.append(Tool(tool, found.model))
-    return tools, why
 
 
 def _looked(tools: Sequence[Tool]) -> tuple[list[Flow], list[ThermalModel]]:

@@ -15,8 +15,8 @@ from typing import Final
 
 import numpy as np
 
-from jbclog.analysis.joints.draw import Draw
-from jbclog.analysis.joints.draws import Flow
+from jbclog.analysis.joints.contacts import Flow
+from jbclog.analysis.joints.draws import Draw
 from jbclog.analysis.verdict.idle import Flags
 
 CALM_S, CALM_K = 2.0, 2.0

@@ -10,6 +10,7 @@ rest.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -33,6 +34,12 @@ LEAST_SIGNAL: Final = 0.1  # of the moments, whatever the noise
 USUAL_CAPACITY, USUAL_LOSS = 10.0, 0.35  # ‰·s/K, ‰/K
 LAG_RANGE: Final = (-0.1, 1.5)  # s
 SENSOR_LAG_S: Final = 0.3  # second ≤ capacity × (lag + this): of two masses it is lag × the heater's, a sensor adds its own
+Limits = Callable[[Floats], tuple[float, float]]
+"""Returns the lower and upper limit of a parameter, given the parameters solved so far."""
+LIMITS: Final[Sequence[tuple[int, Limits]]] = (
+    (3, lambda _: LAG_RANGE),
+    (2, lambda values: (0.0, values[0] * (max(values[3], 0.0) + SENSOR_LAG_S))),
+)
 REFERENCE_NOISE: Final = 20.0
 
 
@@ -132,15 +139,19 @@ def weighted_fit(terms: Floats, power: Floats, weight: Floats, stiffness: Floats
     weighted = terms * weight[:, None]
     moments = weighted.T @ terms + stiffness
     moments[0, 0] -= min(weight.sum() * noise, (1 - LEAST_SIGNAL) * moments[0, 0])
-    return _within(moments, weighted.T @ power + stiffness @ USUAL)
+    return bounded_solution(moments, weighted.T @ power + stiffness @ USUAL, LIMITS)
 
 
-def _within(moments: Floats, right: Floats) -> Floats:
-    """The least squares solution; second mass and lag are held at their bounds where they would go beyond."""
+def bounded_solution(moments: Floats, right: Floats, limits: Sequence[tuple[int, Limits]]) -> Floats:
+    """Return the least squares solution of the normal equations, with some parameters held within their limits.
+
+    The parameters in `limits` are checked in that order; one beyond its limits is set to the nearer of them, and the others are
+    solved for again.
+    """
     values = np.linalg.solve(moments, right)
     held: list[int] = []
-    for place in (3, 2):
-        low, high = LAG_RANGE if place == 3 else (0.0, values[0] * (max(values[3], 0.0) + SENSOR_LAG_S))
+    for place, limits_of in limits:
+        low, high = limits_of(values)
         bound = min(max(values[place], low), high)
         if bound != values[place]:
             held.append(place)

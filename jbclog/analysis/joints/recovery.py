@@ -20,7 +20,7 @@ from typing import Final
 
 import numpy as np
 
-from jbclog.analysis.joints.draw import Draw
+from jbclog.analysis.joints.draws import Draw
 from jbclog.analysis.joints.segments import Places, Segments, segments
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.thermal import AIR_C

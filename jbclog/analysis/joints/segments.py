@@ -71,6 +71,12 @@ def segments(first: Places, last: Places) -> Segments:
     return Segments(first, last, rows, begins)
 
 
+def runs(flags: Flags) -> tuple[Places, Places]:
+    """Return the first row of each run of set flags, and the row after its last."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], flags.astype(np.int8), [0]))))
+    return edges[::2], edges[1::2]
+
+
 def highest_running_sum(values: Floats, first: Places, last: Places, less: Floats) -> Places:
     """The row of each piece up to which the sum of its values, less so much each, is greatest. For pieces of some ten rows."""
     if not len(first):

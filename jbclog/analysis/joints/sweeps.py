@@ -17,23 +17,23 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
-from jbclog.analysis.joints.doubt import Doubt, Tool, doubt_of, why_not_known
-from jbclog.analysis.joints.draw import Draw, draws_of
-from jbclog.analysis.joints.draws import flows
+from jbclog.analysis.joints.contacts import flows
+from jbclog.analysis.joints.doubt import Doubt, doubt_of
+from jbclog.analysis.joints.draws import Draw, draws_of
 from jbclog.analysis.joints.heat_up_end import Readied
-from jbclog.analysis.joints.identify import identify, pieces_taken
-from jbclog.analysis.joints.joints import NEVER_READ, Found, sort_draws
+from jbclog.analysis.joints.identify import identify_each, pieces_taken
+from jbclog.analysis.joints.joints import NEVER_READ, ByHeat, Found, concluded, sort_draws
 from jbclog.analysis.joints.levels import Levels, resting
-from jbclog.analysis.joints.parameters import Asked, regular_every_s, taken
+from jbclog.analysis.joints.parameters import Asked, taken
 from jbclog.analysis.joints.recovery import LOOK_S, Joint, joints_of
 from jbclog.analysis.joints.series import Series, Stretch, Unseen
 from jbclog.analysis.joints.thermal import ThermalModel
-from jbclog.analysis.joints.tools import UNKNOWN_CODE, code_at, large_enough
+from jbclog.analysis.joints.tools import UNKNOWN_CODE, Tool, code_at, large_enough
 from jbclog.analysis.joints.windows import WINDOW_S, View, Windows
 
 Sweep = Callable[[], Iterable[Series]]
@@ -180,17 +180,13 @@ class PortSweeps:
                     piece.parts.append(Readied(_copy(part.stretch.take(rows)), part.ready[rows].copy()))
 
     def _identify(self) -> None:
-        tools: list[Tool] = []
-        for tool, kept in zip(self._tools_known, self._kept, strict=True):
-            pieces = [piece.whole() for piece in kept]
-            found = identify(pieces)
-            if found.model is None or found.why is not None:
-                self._why = self._why or found.why
-                continue
-            self._models.append(found.model)
-            tools.append(Tool(pieces, found.model))
+        pieces = [[piece.whole() for piece in kept] for kept in self._kept]
+        models, self._why = identify_each(pieces)
+        self._models = [model for model in models if model is not None]
+        tools = [Tool(parts, model) for parts, model in zip(pieces, models, strict=True) if model is not None]
+        for tool, model in zip(self._tools_known, models, strict=True):
             for part in tool:
-                part.model = found.model
+                part.model = model
         if not self._known:
             self._why = NEVER_READ
         self._kept.clear()
@@ -230,22 +226,9 @@ class PortSweeps:
         return again_s
 
     def _conclude(self) -> None:
-        self._settings = replace(self._settings, every_s=regular_every_s([joint.start_s for joint in self._joints]))
-        number_why = None if self._doubt is None else why_not_known(self._doubt, len(self._own), self._period_s)
-        self._found = Found(
-            self._joints,
-            self._others,
-            self._models,
-            self._level,
-            self._settings,
-            None,
-            self._why or number_why,
-            *self._unseen.total(),
-            self._why,
-            self._own,
-            number_why,
-            self._doubt,
-        )
+        heat = ByHeat(self._models, self._why, self._own, self._doubt)
+        lost = self._unseen.total()
+        self._found = concluded(self._joints, self._others, self._level, self._settings, heat, lost, self._period_s)
 
 
 def _again(view: View, draws: Sequence[Draw], behind_s: float) -> float | None:

@@ -7,16 +7,26 @@ the tool's code.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final, Protocol, TypeVar
 
 import numpy as np
 
 from jbclog.analysis.joints.heat_up_end import Readied
 from jbclog.analysis.joints.series import Series
+from jbclog.analysis.joints.thermal import ThermalModel
 from jbclog.analysis.verdict.idle import Floats
 
 OWN_MODEL_S: Final = 60.0
 UNKNOWN_CODE: Final = -1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Tool:
+    """The stretches of a tool and its model."""
+
+    parts: Sequence[Readied]
+    model: ThermalModel
 
 
 def by_tool(series: Series, parts: Sequence[Readied]) -> list[list[Readied]]:

@@ -8,12 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from jbclog.analysis.joints.segments import Places
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.verdict.idle import Flags, Floats
 
-Places = NDArray[np.int64]
 EPSILON_S = 1e-6
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from jbclog.analysis.joints.delay import LEAST_S as LEAST_DELAY_S
-from jbclog.analysis.joints.draw import SURE_DWELL_S, SURE_HEAT, SURE_PEAK
+from jbclog.analysis.joints.draws import SURE_DWELL_S, SURE_HEAT, SURE_PEAK
 from jbclog.analysis.joints.parameters import LEAST_DWELL_S, MERGE_GAP_S, RECOVERED_WITHIN_C
 from jbclog.analysis.joints.recovery import BACK_FOR_S
 from jbclog.analysis.joints.solder_wire import LEAST_READINGS, PUSHED_S

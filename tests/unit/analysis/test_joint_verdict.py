@@ -12,8 +12,7 @@ import pytest
 
 from jbclog import __version__
 from jbclog.analysis.joints import evidence as evidence_of
-from jbclog.analysis.joints.evidence import joint_evidence
-from jbclog.analysis.joints.feeds import feeds_of
+from jbclog.analysis.joints.evidence import feeds_of, joint_evidence
 from jbclog.analysis.joints.joints import find_joints
 from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.rejudge import held, judge_again

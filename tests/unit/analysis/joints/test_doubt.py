@@ -9,7 +9,7 @@ import pytest
 
 from jbclog.analysis.joints import joints as finding
 from jbclog.analysis.joints.doubt import MOST_DOUBT, MOST_DOUBT_SLOW, Doubt, _same, why_not_known
-from jbclog.analysis.joints.draw import Draw
+from jbclog.analysis.joints.draws import Draw
 from jbclog.analysis.joints.figure import Figure
 from jbclog.analysis.joints.joints import Found, find_joints
 from jbclog.analysis.joints.parameters import Asked

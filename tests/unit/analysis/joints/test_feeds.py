@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from jbclog.analysis.joints.evidence import feeds_of
 from jbclog.analysis.joints.feed_events import feed_events
-from jbclog.analysis.joints.feeds import feeds_of
 from jbclog.analysis.joints.figure import Figure
 from jbclog.analysis.joints.joints import Found, find_joints
 from jbclog.analysis.joints.parameters import Asked
