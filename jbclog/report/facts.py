@@ -81,7 +81,7 @@ class TipFacts:
 
 @dataclass(slots=True)
 class PowerFacts:
-    """The highest power, and its integral: the metrics of that name (`analysis/metrics/tip.py`), `why` there is none.
+    """The highest power, and its integral: the metrics of that name (`analysis/metrics/energy.py`), `why` there is none.
 
     Joules and Wh only where the line file states the rated power; what was recorded beside a gap is the least that it can be.
     """

@@ -10,17 +10,9 @@ from jbclog.analysis.joints.draws import SURE_DWELL_S, SURE_HEAT, SURE_PEAK
 from jbclog.analysis.joints.parameters import LEAST_DWELL_S, MERGE_GAP_S, RECOVERED_WITHIN_C
 from jbclog.analysis.joints.recovery import BACK_FOR_S
 from jbclog.analysis.joints.solder_wire import LEAST_READINGS, PUSHED_S
-from jbclog.analysis.metrics.tip import (
-    AFTER_S,
-    AT_LEAST_PERMILLE,
-    BAND_C,
-    CALM_C,
-    HOLD_S,
-    LEAST_DRIFT_S,
-    LEAST_MEANS,
-    LEAST_RISE_C,
-    MEAN_S,
-)
+from jbclog.analysis.metrics.energy import AT_LEAST_PERMILLE
+from jbclog.analysis.metrics.heating import AFTER_S, BAND_C, CALM_C, HOLD_S, LEAST_RISE_C
+from jbclog.analysis.metrics.idling import LEAST_DRIFT_S, LEAST_MEANS, MEAN_S
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from jbclog.analysis.joints.joints import Found
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import RESOLUTION_C, RESOLUTION_PERMILLE
 from jbclog.analysis.joints.thermal import Delay
-from jbclog.analysis.metrics.tip import Totals
+from jbclog.analysis.metrics.energy import Totals
 from jbclog.analysis.verdict.bounds import censored_quantile
 from jbclog.analysis.verdict.evidence import not_read
 

@@ -15,8 +15,10 @@ from jbclog.analysis.joints.solder_wire import Wire, wire_figures
 from jbclog.analysis.joints.sweeps import PortSweeps
 from jbclog.analysis.joints.windows import View, Windows, whole
 from jbclog.analysis.metrics.definitions import DEFINITIONS
+from jbclog.analysis.metrics.energy import energy, totals_of
+from jbclog.analysis.metrics.heating import Heating
+from jbclog.analysis.metrics.idling import Idling
 from jbclog.analysis.metrics.joint_figures import joint_figures
-from jbclog.analysis.metrics.tip import Heating, Idling, energy, totals_of
 
 NOT_OF: Final = {
     "omega": "An OMEGA tells neither temperature nor power, only its states.",

@@ -8,52 +8,14 @@ from math import exp, lgamma, sqrt
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import ndtr, ndtri
 
-from jbclog.analysis.spc.distribution import Fit
+from jbclog.analysis.spc.distribution import Fit, Floats
 from jbclog.analysis.spc.nelson import DEFAULT_TESTS, Signal, signals
 
-# -- constants ----------------------------------------------------------------------------------------------------------------
-# What ranges and standard deviations of small normal samples are on average, worked out rather than copied.
-#
-# The tables of the textbooks (Montgomery, appendix VI) print the same to three or four digits; a test holds them side by side.
-
-REACH = 8.5  # standard deviations; beyond, nothing is left that the digits would show
-STEPS = 1701
-
-
-@cache
-def c4(n: int) -> float:
-    """The mean of the standard deviation of `n` normal values, in units of sigma."""
-    return sqrt(2 / (n - 1)) * exp(lgamma(n / 2) - lgamma((n - 1) / 2))
-
-
-@cache
-def d2(n: int) -> float:
-    """The mean range of `n` normal values, in units of sigma: the integral of 1 - F**n - (1 - F)**n."""
-    x = np.linspace(-REACH, REACH, STEPS)
-    below = ndtr(x)
-    return float(np.trapezoid(1 - below**n - (1 - below) ** n, x))
-
-
-@cache
-def d3(n: int) -> float:
-    """The standard deviation of the range of `n` normal values, in units of sigma."""
-    x = np.linspace(-REACH, REACH, STEPS)
-    below = ndtr(x)
-    high, low = below[np.newaxis, :], below[:, np.newaxis]
-    inner = np.triu(1 - high**n - (1 - low) ** n + (high - low).clip(0) ** n)
-    inner[np.diag_indices(STEPS)] /= 2  # the edge of the triangle in which the greatest lies above the least
-    square = 2 * float(np.trapezoid(np.trapezoid(inner, x, axis=1), x))
-    return sqrt(square - d2(n) ** 2)
-
-
-# -- charts -------------------------------------------------------------------------------------------------------------------
-
-Floats = NDArray[np.float64]
-
 GRID = 1000  # values that stand for a distribution
+FURTHEST_SIGMA, STEPS = 8.5, 1701  # of the integrals below; beyond, a normal tail is less than a float's precision
 BEYOND_3 = 0.0026998  # share beyond three sigma
 LIMIT_ONLY = (1,)
 """Tests of a chart whose neighbouring points have something in common: ranges that share a value, weighted means."""
@@ -295,3 +257,29 @@ def _rows(subgroups: ArrayLike) -> Floats:
     if not np.isfinite(rows).all():
         raise ValueError("a chart takes values that are all known; leave out what was not read, and say so")
     return rows
+
+
+@cache
+def c4(n: int) -> float:
+    """The mean of the standard deviation of `n` normal values, in units of sigma."""
+    return sqrt(2 / (n - 1)) * exp(lgamma(n / 2) - lgamma((n - 1) / 2))
+
+
+@cache
+def d2(n: int) -> float:
+    """The mean range of `n` normal values, in units of sigma: the integral of 1 - F**n - (1 - F)**n."""
+    x = np.linspace(-FURTHEST_SIGMA, FURTHEST_SIGMA, STEPS)
+    below = ndtr(x)
+    return float(np.trapezoid(1 - below**n - (1 - below) ** n, x))
+
+
+@cache
+def d3(n: int) -> float:
+    """The standard deviation of the range of `n` normal values, in units of sigma."""
+    x = np.linspace(-FURTHEST_SIGMA, FURTHEST_SIGMA, STEPS)
+    below = ndtr(x)
+    high, low = below[np.newaxis, :], below[:, np.newaxis]
+    inner = np.triu(1 - high**n - (1 - low) ** n + (high - low).clip(0) ** n)
+    inner[np.diag_indices(STEPS)] /= 2  # the edge of the triangle in which the greatest lies above the least
+    square = 2 * float(np.trapezoid(np.trapezoid(inner, x, axis=1), x))
+    return sqrt(square - d2(n) ** 2)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import fdtrc
 
-from jbclog.analysis.spc.charts import Floats
+from jbclog.analysis.spc.distribution import Floats
 from jbclog.core.errors import UsageError
 
 POOLED_ABOVE = 0.25  # chance of the interaction's F (AIAG MSA, 4th edition)

@@ -10,8 +10,8 @@ from scipy.special import ndtri
 
 from jbclog.analysis.spc import charts
 from jbclog.analysis.spc.capability import Capability, indices, indices_of_fit, indices_of_percentiles
-from jbclog.analysis.spc.charts import Chart, Floats
-from jbclog.analysis.spc.distribution import Fit, fitting, normal_fit
+from jbclog.analysis.spc.charts import Chart
+from jbclog.analysis.spc.distribution import Fit, Floats, fitting, normal_fit
 from jbclog.analysis.spc.nelson import DEFAULT_TESTS
 from jbclog.analysis.spc.refusal import (
     LEAST_FOR_CAPABILITY,

@@ -1,0 +1,123 @@
+"""."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from jbclog.analysis.joints.figure import Figure, no_figure
+from jbclog.analysis.joints.recovery import Joint
+from jbclog.analysis.joints.series import RESOLUTION_PERMILLE, Column, Series
+from jbclog.analysis.verdict.idle import (
+    Floats,
+)
+
+AT_LEAST_PERMILLE = 500.0
+
+
+@dataclass(slots=True)
+class Totals:
+    """What is summed over all rows of a port, taken window by window."""
+
+    period_s: float
+    gap_s: float
+    rated_w: float | None
+    temperature: Column = field(init=False)
+    power: Column = field(init=False)
+    state: Column = field(init=False)
+    working: int = 0  # rows in which the tool works
+    power_n: int = 0  # readings of the power in these
+    power_sum: float = 0.0
+    power_high: int = 0
+    recorded: float = 0.0
+    _before: Floats = field(default_factory=lambda: np.empty((2, 0)))  # the last reading of the power: its second and value
+
+    def __post_init__(self) -> None:
+        self.temperature, self.power, self.state = (Column(self.period_s, self.gap_s) for _ in range(3))
+
+    def take(self, series: Series) -> None:
+        """The next rows."""
+        seconds, rows = series.seconds, series.rows
+        self.temperature.add(seconds, rows.temperature)
+        self.power.add(seconds, rows.power)
+        self.state.add(seconds, np.where(series.known, 1.0, np.nan))
+        self.working += int(rows.working.sum())
+        there = ~np.isnan(rows.power)
+        working = rows.power[there & rows.working]
+        self.power_n, self.power_sum = self.power_n + len(working), self.power_sum + float(working.sum())
+        self.power_high += int((working >= AT_LEAST_PERMILLE).sum())
+        at, values = np.concatenate([self._before, [seconds[there], rows.power[there]]], axis=1)
+        steps = np.diff(at)
+        pieces = (values[1:] + values[:-1]) / 2 * steps
+        self.recorded += float(pieces[steps <= self.gap_s + 1e-6].sum())
+        self._before = np.array([at[-1:], values[-1:]])
+
+
+def totals_of(series: Series) -> Totals:
+    """Those of a port of which no rows were taken yet."""
+    return Totals(series.period_s, series.gap_s, series.rated_w)
+
+
+def energy(port: Totals, joints: Sequence[Joint] | None) -> list[Figure]:
+    """Power, energy, duty and utilisation; `joints` is None for tools in which joints are not looked for."""
+    return [
+        _mean(port),
+        *_energies(port),
+        _duty(port),
+        _utilisation(port),
+        *([] if joints is None else [_joint_share(port, joints)]),
+    ]
+
+
+def _mean(port: Totals) -> Figure:
+    if not port.power_n:
+        return no_figure("power_mean_permille", "‰", "No power was read while the tool worked.")
+    mean = port.power_sum / port.power_n
+    return Figure("power_mean_permille", mean, "‰", port.power_n, port.power.coverage, RESOLUTION_PERMILLE)
+
+
+def _energies(port: Totals) -> list[Figure]:
+    power = port.power
+    if power.n < 2:
+        return [no_figure(name, unit, "No power was read.", power.n) for name, unit in ENERGIES]
+    resolution = RESOLUTION_PERMILLE * port.period_s
+    part = Figure("energy_recorded_permille_s", port.recorded, "‰·s", power.n, power.coverage, resolution)
+    gap = power.gap
+    whole = part.named("energy_permille_s") if gap is None else no_figure("energy_permille_s", "‰·s", gap, power.n, power.coverage)
+    return [whole, part, _joules(whole, port.rated_w)]
+
+
+ENERGIES = (("energy_permille_s", "‰·s"), ("energy_recorded_permille_s", "‰·s"), ("energy_j", "J"))
+
+
+def _joules(whole: Figure, rated_w: float | None) -> Figure:
+    if rated_w is None:
+        why = "The station's full-scale power is not declared (rated_power_w in the line file)."
+        return no_figure("energy_j", "J", why, whole.n, whole.coverage)
+    if whole.value is None or whole.resolution is None:
+        return no_figure("energy_j", "J", whole.why or "", whole.n, whole.coverage)
+    return Figure("energy_j", whole.value * rated_w / 1000, "J", whole.n, whole.coverage, whole.resolution * rated_w / 1000)
+
+
+def _duty(port: Totals) -> Figure:
+    if not port.power_n:
+        return no_figure("duty_percent", "%", "No power was read while the tool worked.")
+    share = 100.0 * (port.power_high / port.power_n)
+    return Figure("duty_percent", share, "%", port.power_n, port.power.coverage, 100.0 / port.power_n)
+
+
+def _utilisation(port: Totals) -> Figure:
+    known = port.state.n
+    if not known:
+        return no_figure("utilisation_percent", "%", "The tool's state was never read.")
+    return Figure("utilisation_percent", 100.0 * port.working / known, "%", known, port.state.coverage, 100.0 / known)
+
+
+def _joint_share(port: Totals, joints: Sequence[Joint]) -> Figure:
+    if not port.working:
+        return no_figure("joint_share_percent", "%", "The tool was never seen working.")
+    busy = sum(joint.dwell_s or 0.0 for joint in joints)
+    share = 100.0 * busy / (port.working * port.period_s)
+    return Figure("joint_share_percent", share, "%", len(joints), port.temperature.coverage, 100.0 / port.working)

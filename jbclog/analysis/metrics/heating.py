@@ -1,0 +1,151 @@
+"""."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from math import inf
+
+import numpy as np
+
+from jbclog.analysis.joints.figure import Figure, no_figure
+from jbclog.analysis.joints.series import RESOLUTION_C, Series, Window
+from jbclog.analysis.joints.windows import View
+from jbclog.analysis.verdict.idle import (
+    Flags,
+    Floats,
+    setting_in_force,
+)
+
+BAND_C, HOLD_S = 10.0, 1.0
+LEAST_RISE_C = 5.0
+AFTER_S = 10.0
+CALM_C = 3.0
+PATIENCE_S = 60.0
+ORDER_S = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class HeatUp:
+    """One heat-up: its figures (None: not known), how much of it was read, and its gap, where it has one."""
+
+    time_s: float | None
+    overshoot_c: float | None
+    settling_s: float | None
+    coverage: float
+    gap: str | None
+
+
+class Heating:
+    """Heat-up time, overshoot and settling time of a port whose rows are taken window by window."""
+
+    def __init__(self, period_s: float, ordered_s: float | None) -> None:
+        self._period_s, self._found = period_s, list[HeatUp]()
+        self._ordered_s = ordered_s  # of the record's first row; None behind it
+
+    def take(self, view: View) -> None:
+        """The heat-ups that begin in a window; each is looked at for `PATIENCE_S` and `AFTER_S`, which windows have beside them."""
+        self._found += _heat_ups(replace(view.series, ordered_s=self._ordered_s), view)
+        self._ordered_s = None
+
+    def figures(self) -> list[Figure]:
+        """The medians."""
+        time, found = self._period_s, self._found
+        not_reached, not_settled = "The tip did not reach its setting.", "The tip did not settle while it was looked at."
+        return [
+            _median("heat_up_time_s", "s", time, found, lambda one: one.time_s, not_reached),
+            _median("overshoot_c", "°C", RESOLUTION_C, found, lambda one: one.overshoot_c, not_reached),
+            _median("settling_time_s", "s", time, found, lambda one: one.settling_s, not_settled),
+        ]
+
+
+def _heat_ups(series: Series, view: View) -> Iterator[HeatUp]:
+    """The heat-ups of a window whose beginning was seen."""
+    rows, setting, own = series.rows, setting_in_force(series.seconds, series.rows.setting), view.own(series.seconds)
+    begins = _begins(series, setting)
+    for start in (np.flatnonzero(begins[own]) + own.start).tolist():
+        aim = _aim(setting, start)
+        if aim is None or not rows.temperature[start] < aim - BAND_C:
+            continue
+        end = _change_after(series, setting, start, float(rows.seconds[-1]) if view.end_s == inf else inf)
+        yield _heat_up(series, _moment(series, start), float(rows.seconds[start]), end, aim)
+
+
+def _moment(series: Series, start: int) -> float:
+    """When it began: at the row, or when the tool was ordered to work before the first row."""
+    return series.ordered_s if start == 0 and series.ordered_s is not None else float(series.seconds[start])
+
+
+def _begins(series: Series, setting: Floats) -> Flags:
+    """Rows at which the tool goes to work, or works with a higher setting than the row before."""
+    working, known = series.rows.working, series.known
+    begins = np.zeros(len(working), dtype=np.bool_)
+    first = series.seconds[0] if len(working) else 0.0
+    if len(working) and series.ordered_s is not None:
+        begins[0] = working[0] and 0.0 <= first - series.ordered_s <= ORDER_S
+    begins[1:] = working[1:] & known[:-1] & ~working[:-1]
+    with np.errstate(invalid="ignore"):
+        begins[1:] |= working[1:] & (np.diff(setting) >= LEAST_RISE_C)
+    return begins
+
+
+def _aim(setting: Floats, start: int) -> float | None:
+    """The setting at `start`, or the first that is read after it."""
+    known = setting[start:][~np.isnan(setting[start:])]
+    return float(known[0]) if len(known) else None
+
+
+def _change_after(series: Series, setting: Floats, start: int, never_s: float) -> float:
+    """When the tool is next seen resting or its setting changes; `never_s` where neither is seen."""
+    resting = series.known[start + 1 :] & ~series.rows.working[start + 1 :]
+    before, after = setting[start:-1], setting[start + 1 :]
+    other = ~np.isnan(before) & ~np.isnan(after) & (before != after)
+    changed = np.flatnonzero(resting | other)
+    return float(series.seconds[start + changed[0]]) if len(changed) else never_s
+
+
+def _heat_up(series: Series, start_s: float, first_s: float, end_s: float, aim: float) -> HeatUp:
+    temperature = series.rows.temperature
+    looked = series.window(temperature, first_s, min(end_s, start_s + PATIENCE_S))
+    entry = _entry(looked, aim)
+    if entry is None:
+        return HeatUp(None, None, None, looked.coverage, looked.gap)
+    window = series.window(temperature, first_s, min(entry + HOLD_S, end_s))
+    after = series.window(temperature, entry, min(entry + AFTER_S, end_s))
+    overshoot = float(after.values.max() - aim) if after.n else None
+    return HeatUp(entry - start_s, overshoot, _settling_s(after, aim, start_s, entry), window.coverage, window.gap or after.gap)
+
+
+def _settling_s(after: Window, aim: float, start_s: float, entry_s: float) -> float | None:
+    if not after.n:
+        return None
+    away = after.seconds[np.abs(after.values - aim) > CALM_C]
+    if not len(away):
+        return entry_s - start_s
+    return None if away[-1] > after.end_s - HOLD_S else float(away[-1] - start_s)
+
+
+def _entry(window: Window, aim: float) -> float | None:
+    """The first moment from which the tip stays in the band for `HOLD_S`."""
+    away = np.abs(window.values - aim) > BAND_C
+    inside = np.flatnonzero(~away)
+    for first in inside[np.concatenate(([True], np.diff(inside) > 1))] if len(inside) else ():
+        left = window.seconds[first:][away[first:]]
+        until = left[0] if len(left) else window.end_s
+        if until - window.seconds[first] >= HOLD_S - 1e-6:
+            return float(window.seconds[first])
+    return None
+
+
+def _median(
+    name: str, unit: str, resolution: float, found: list[HeatUp], value: Callable[[HeatUp], float | None], none: str
+) -> Figure:
+    whole = [one for one in found if one.gap is None]
+    values = [known for one in whole if (known := value(one)) is not None]
+    if values:
+        coverage = round(float(np.mean([one.coverage for one in whole])), 3)
+        return Figure(name, float(np.median(values)), unit, len(values), coverage, resolution)
+    if whole:
+        return no_figure(name, unit, none)
+    gaps = [one.gap for one in found if one.gap]
+    return no_figure(name, unit, gaps[0] if gaps else "No heat-up whose beginning was recorded.")
