@@ -23,7 +23,7 @@ from jbclog import __version__
 from jbclog.analysis.joint_table import FILE as JOINTS_FILE
 from jbclog.analysis.joint_table import JOINTS_SCHEMA, read_joints
 from jbclog.analysis.joints.joints import find_joints
-from jbclog.analysis.joints.parameters import Asked, asked_of
+from jbclog.analysis.joints.parameters import JointOptions, options_of
 from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, Key, PortReader, at_once
 from jbclog.analysis.joints.port_rows import CYCLES, Clock, cycles_of, kind_of
 from jbclog.analysis.joints.recovery import Joint
@@ -137,7 +137,7 @@ def joints_and_metrics(run: Run) -> tuple[pa.Table, list[dict[str, object]], lis
     for facts, port, measured, moments in _measured(run, None):
         joints.append(_table(facts, port, measured.joints, moments))
         metrics += [{"station": facts.name, "port": port, **_named(asdict(figure))} for figure in measured.figures]
-        taken += [] if measured.found is None else [{"station": facts.name, "port": port, **asdict(measured.found.asked)}]
+        taken += [] if measured.found is None else [{"station": facts.name, "port": port, **asdict(measured.found.settings)}]
     return _together(joints), metrics, taken
 
 
@@ -200,8 +200,8 @@ def _ended(joints: Sequence[Joint], last_s: float, ended_s: float | None) -> int
     return sum(joint.end_s <= latest for joint in joints)
 
 
-def _asked(run: Run, facts: StationFacts) -> Asked:
-    return asked_of(joints_asked(run.folder, facts))
+def _asked(run: Run, facts: StationFacts) -> JointOptions:
+    return options_of(joints_asked(run.folder, facts))
 
 
 def _measured(run: Run, station: str | None) -> Iterator[tuple[StationFacts, int, Measured, Moments]]:

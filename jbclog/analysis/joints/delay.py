@@ -1,17 +1,17 @@
-"""By how much a station shows the temperature later than the power, from what its regulator does.
+"""How much later a station shows the temperature than the power, from what its regulator does.
 
-A regulator acts on the temperature that it measures: where that falls, power rises, at once or soon, in contact and without. So
-power that is shown rising before the temperature is shown falling says that the temperature is shown late. No model of the tip is
-needed, nor where contacts are. The delay is where the rate of change of the power and that of the temperature, turned around, agree
-best: the maximum of their cross-correlation (C. H. Knapp, G. C. Carter, IEEE Trans. ASSP 24, 1976), of smoothed readings, between
-rows by a parabola through three. Readings at the regulator's limits, where power does not follow, are left out.
+A regulator acts on the temperature that it measures: when that falls, power rises, at once or soon, in contact and without. So
+power that rises before the temperature falls shows that the temperature comes late. This takes neither a model of the tip nor the
+contacts. The delay is where the rate of change of the power and the negative rate of change of the temperature agree best: the
+maximum of their cross-correlation (C. H. Knapp, G. C. Carter, IEEE Trans. ASSP 24, 1976) over smoothed readings, between rows by a
+parabola through three. Readings at the regulator's limits, where power does not follow, are left out.
 
-It is the difference of the two: a power that is shown late as well hides as much of it, and so does a regulator that hesitates.
-A negative one is of these, and is no delay of the temperature. A regulator that looks ahead (the derivative of a PID) leads by
-itself; so what is less than `LEAST_S` is no delay either.
+The result is the difference of two delays: a power that is late as well, or a slow regulator, hides as much of it, and both can
+make it negative, which is no delay of the temperature. A regulator that looks ahead (the derivative of a PID) also leads; so less
+than `LEAST_S` is no delay.
 
-Where the two correlate by less than `LEAST_AGREES`, the record does not tell. The uncertainty is the jackknife's over `BLOCKS`
-pieces of the record (B. Efron, The Jackknife, 1982): of the maximum's place, not of what hides a part of the delay.
+Below a correlation of `LEAST_CORRELATION` the delay is not known. Its uncertainty is the jackknife's over `BLOCKS` pieces of the
+record (B. Efron, The Jackknife, 1982): that of the place of the maximum, not of what hides a part of the delay.
 """
 
 from __future__ import annotations
@@ -22,38 +22,40 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from jbclog.analysis.joints.heat_up_end import Readied
+from jbclog.analysis.joints.heat_up_end import ReadyStretch
 from jbclog.analysis.joints.thermal import Delay, smooth
 from jbclog.analysis.verdict.idle import Floats
 
-RANGE_S: Final = (-0.5, 0.9)
+RANGE_S: Final = (-0.5, 0.9)  # of the delays that are compared
 SMOOTH_S, SMOOTH_PERIODS = 0.12, 0.7
-LIMITS_PERMILLE: Final = (20.0, 980.0)
+LIMITS_PERMILLE: Final = (20.0, 980.0)  # the regulator follows the temperature between these
 LEAST_S: Final = 0.1
-SLOWEST_S: Final = 0.25
+SLOWEST_S: Final = 0.25  # from one reading to the next; slower readings do not show the delay
 BLOCKS: Final = 8
 LEAST_ROWS: Final = 100
 MOST_UNSURE_S: Final = 0.1
-LEAST_AGREES: Final = 0.6  # noise reaches 0.1; regulators of all kinds 0.4 to 1
+LEAST_CORRELATION: Final = 0.6  # noise reaches 0.1; regulators of all kinds reach 0.4 to 1
 
 Rows = NDArray[np.int64]
 
 
-def delay_of(parts: Sequence[Readied]) -> Delay:
-    """The delay of a tool's temperature behind its power, and how many rows that is."""
+def delay_of(parts: Sequence[ReadyStretch]) -> Delay:
+    """Return the delay of a tool's temperature behind its power, in seconds and in rows, or the reason why it is not known."""
     period = parts[0].stretch.period_s
     if period > SLOWEST_S:
         return Delay(why=f"Readings {period:g} s apart do not show it.")
-    later = np.arange(round(RANGE_S[0] / period), round(RANGE_S[1] / period) + 1)
-    blocks, rows = _agreement(parts, later)
+    lags = np.arange(round(RANGE_S[0] / period), round(RANGE_S[1] / period) + 1)
+    blocks, rows = _cross_correlation(parts, lags)
     if rows < LEAST_ROWS:
         return Delay(why=f"The regulator followed the temperature in {rows} readings; it takes {LEAST_ROWS}.")
-    agrees = blocks.sum(axis=0)
-    if agrees.max() < LEAST_AGREES:
-        return Delay(why=f"Power and falling temperature correlate by {agrees.max():.2f} at the most; it takes {LEAST_AGREES:g}.")
-    whole = _greatest(agrees, later)
-    without = np.array([_greatest(agrees - block, later) for block in blocks])
-    seconds, unsure_s = whole * period, float(np.sqrt((BLOCKS - 1) * without.var())) * period
+    correlation = blocks.sum(axis=0)
+    if correlation.max() < LEAST_CORRELATION:
+        return Delay(
+            why=f"Power and falling temperature correlate by {correlation.max():.2f} at the most; it takes {LEAST_CORRELATION:g}."
+        )
+    whole = _peak_lag(correlation, lags)
+    jackknife = np.array([_peak_lag(correlation - block, lags) for block in blocks])
+    seconds, unsure_s = whole * period, float(np.sqrt((BLOCKS - 1) * jackknife.var())) * period
     if not unsure_s <= MOST_UNSURE_S:
         return Delay(why="It is not the same in all parts of the record, or beyond what a station has.")
     if seconds < max(LEAST_S, 2 * unsure_s):
@@ -61,10 +63,10 @@ def delay_of(parts: Sequence[Readied]) -> Delay:
     return Delay(seconds, unsure_s, rows=round(whole), moved_s=seconds)
 
 
-def _agreement(parts: Sequence[Readied], later: Rows) -> tuple[Floats, int]:
-    """How well rising power agrees with the temperature falling so many rows later, by block and delay; of how many rows.
+def _cross_correlation(parts: Sequence[ReadyStretch], lags: Rows) -> tuple[Floats, int]:
+    """Return how well rising power agrees with the temperature falling each of `lags` rows later, and the number of rows used.
 
-    The blocks add up to the coefficients of correlation.
+    The array has a row for each block and a column for each lag; the blocks add up to the coefficients of correlation.
     """
     period = parts[0].stretch.period_s
     sigma = max(SMOOTH_S / period, SMOOTH_PERIODS)
@@ -73,27 +75,27 @@ def _agreement(parts: Sequence[Readied], later: Rows) -> tuple[Floats, int]:
     for part in parts:
         rises, falls = smooth(part.stretch.power, sigma, 1), -smooth(part.stretch.temperature, sigma, 1)
         follows = part.ready & (part.stretch.power > LIMITS_PERMILLE[0]) & (part.stretch.power < LIMITS_PERMILLE[1])
-        products.append(np.stack([rises * _moved(falls, rows) for rows in later.tolist()], axis=1)[follows])
+        products.append(np.stack([rises * _shifted(falls, rows) for rows in lags.tolist()], axis=1)[follows])
         squares += np.square(rises[follows]).sum(), np.square(falls[follows]).sum()
     every = np.concatenate(products)
     if len(every) < LEAST_ROWS or not squares.all():
-        return np.zeros((BLOCKS, len(later))), len(every)
+        return np.zeros((BLOCKS, len(lags))), len(every)
     begins = np.linspace(0, len(every), BLOCKS + 1).astype(np.int64)[:-1]
     return np.add.reduceat(every, begins) / float(np.sqrt(squares.prod())), len(every)
 
 
-def _moved(values: Floats, rows: int) -> Floats:
-    """The values so many rows ahead; nothing beyond the record."""
-    moved = np.zeros(len(values))
+def _shifted(values: Floats, rows: int) -> Floats:
+    """Return the values so many rows ahead; zero beyond the record."""
+    shifted = np.zeros(len(values))
     if abs(rows) < len(values):
-        moved[max(-rows, 0) : len(values) - max(rows, 0)] = values[max(rows, 0) : len(values) + min(rows, 0)]
-    return moved
+        shifted[max(-rows, 0) : len(values) - max(rows, 0)] = values[max(rows, 0) : len(values) + min(rows, 0)]
+    return shifted
 
 
-def _greatest(agrees: Floats, later: Rows) -> float:
-    """At how many rows it is greatest; NaN at the end of the range."""
-    place = int(agrees.argmax())
-    if not 0 < place < len(agrees) - 1:
+def _peak_lag(correlation: Floats, lags: Rows) -> float:
+    """Return the lag in rows of the greatest correlation; NaN at the end of the range."""
+    place = int(correlation.argmax())
+    if not 0 < place < len(correlation) - 1:
         return float("nan")
-    before, here, after = agrees[place - 1 : place + 2]
-    return float(later[place] + 0.5 * (before - after) / (before - 2 * here + after))
+    before, here, after = correlation[place - 1 : place + 2]
+    return float(lags[place] + 0.5 * (before - after) / (before - 2 * here + after))

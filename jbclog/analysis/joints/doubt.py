@@ -1,18 +1,18 @@
-"""Whether the number of joints can be trusted: they are found again under other assumptions, and have to be the same.
+"""Whether the number of joints is reliable: they are found again under other assumptions and must be the same.
 
-A number has no error that could be read off it: a draw that hangs on a limit, two that hang on a valley, or a tip whose heat
-capacity the fit missed make it wrong and leave no trace. What they all do is that the joints change as soon as the assumptions do.
-So the joints are found again under each of `ASSUMPTIONS`: other limits, other smoothing, another heat capacity, another lag
-(stability selection: N. Meinshausen, P. Bühlmann, Journal of the Royal Statistical Society B 72, 2010). *Doubt* is how many
-joints come or go, as a share of all, as a mean over the assumptions. What a low limit finds in the flow turned upside down is
-noise, since no heat comes back from work, and is not counted as having come.
+A wrong number leaves no trace: a draw that depends on a limit, two draws that depend on a valley, or a tip whose heat capacity the
+fit missed. What these share is that the joints change as soon as the assumptions do. So the joints are found again under each of
+`ASSUMPTIONS`: other limits, other smoothing, another heat capacity, another lag (stability selection: N. Meinshausen, P. Bühlmann,
+Journal of the Royal Statistical Society B 72, 2010). *Doubt* is the share of joints that appear or disappear, averaged over the
+assumptions. What a low limit finds in the inverted flow is noise, because no heat comes back from work, and does not count as
+appeared.
 
-Where doubt is more than `most_doubt`, the number is not known, and the least and the most joints found are given instead. Doubt
-and error were compared on plants for tuning; docs/explanation/joints.md has the figures. What no assumption shows stays
-hidden: a joint that lies between two readings, or two without a reading between them. So at rates slower than `SLOW_S` a contact
-longer than `LONG_S` is in doubt, and no joints found is never known to be none.
+If doubt is above its limit, the number is not known, and the least and the most joints found are reported instead. The limits were
+chosen on simulated plants; docs/explanation/joints.md has the figures. No assumption reveals a joint between two readings, or two
+joints without a reading between them. So at periods above `SLOW_S` a contact longer than `LONG_S` is in doubt, and no joints found
+is "not known", not none.
 
-Of a long record the windows are looked at that its model came from (`identify`).
+In a long record, doubt is measured in the windows that the model comes from (`identify`).
 """
 
 from __future__ import annotations
@@ -23,15 +23,15 @@ from typing import Final
 
 import numpy as np
 
-from jbclog.analysis.joints.contacts import Flow, flows
-from jbclog.analysis.joints.draws import Draw, draws_of, is_joint
-from jbclog.analysis.joints.heat_up_end import Readied
-from jbclog.analysis.joints.identify import windows
-from jbclog.analysis.joints.parameters import Taken
+from jbclog.analysis.joints.contacts import Flow, flow_into_work
+from jbclog.analysis.joints.draws import Draw, find_draws, is_joint
+from jbclog.analysis.joints.heat_up_end import ReadyStretch
+from jbclog.analysis.joints.identify import model_windows
+from jbclog.analysis.joints.parameters import JointSettings
 from jbclog.analysis.joints.thermal import ThermalModel, noise_at, power_noise
 from jbclog.analysis.joints.tools import Tool
 
-SLOW_S: Final = 0.25  # readings further apart show less of a gap
+SLOW_S: Final = 0.25  # readings further apart show fewer of the gaps between joints
 MOST_DOUBT, MOST_DOUBT_SLOW = 0.03, 0.02
 LONG_S: Final = 8.0  # at such a rate: a longer contact may be several with no reading between them
 SAME_SHARE: Final = 0.5  # of the shorter of two draws that overlap
@@ -39,7 +39,7 @@ SAME_SHARE: Final = 0.5  # of the shorter of two draws that overlap
 
 @dataclass(frozen=True, slots=True)
 class Assumption:
-    """Factors of the limits, of the smoothing and of the heat capacity, and by how much later power or temperature comes, s."""
+    """Factors on limits, smoothing and heat capacity, and by how many s power or temperature comes later."""
 
     limits: float = 1.0
     smoothing: float = 1.0
@@ -63,7 +63,10 @@ ASSUMPTIONS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """`share`: of the joints that come or go; `least` and `most` were found in all, `looked_at` of them as they stand."""
+    """The share of joints that appear or disappear, and the least and most joints found under any assumption.
+
+    `looked_at` is the number of joints found as they are, in the windows examined.
+    """
 
     share: float
     least: int
@@ -71,26 +74,26 @@ class Doubt:
     looked_at: int
 
 
-def doubt_of(tools: Sequence[Tool], settings: Taken) -> Doubt:
-    """Of the joints of all tools together."""
-    changed, counts, found = np.zeros(len(ASSUMPTIONS)), np.zeros(len(ASSUMPTIONS)), 0
+def doubt_of(tools: Sequence[Tool], settings: JointSettings) -> Doubt:
+    """Return the doubt about the joints of all tools together."""
+    changed, counts, total = np.zeros(len(ASSUMPTIONS)), np.zeros(len(ASSUMPTIONS)), 0
     for tool in tools:
-        looked = _Looked(windows(tool.parts), tool.model, settings)
-        stand = looked.joints(AS_FOUND)
-        found += len(stand)
+        variants = _Variants(model_windows(tool.parts), tool.model, settings)
+        as_found = variants.joints(AS_FOUND)
+        total += len(as_found)
         for number, assumed in enumerate(ASSUMPTIONS):
-            others = looked.joints(assumed)
-            same = _same(stand, others)
-            noise = len(looked.joints(assumed, upside_down=True)) if assumed.limits < 1 else 0
-            come = max(len(others) - same - noise, 0)
-            changed[number] += come + len(stand) - same + (_long(stand) if looked.is_slow else 0)
-            counts[number] += same + come
-    every = [found, *counts.tolist()]
-    return Doubt(float(changed.mean()) / max(found, 1), round(min(every)), round(max(every)), found)
+            others = variants.joints(assumed)
+            same = _count_same(as_found, others)
+            noise = len(variants.joints(assumed, upside_down=True)) if assumed.limits < 1 else 0
+            appeared = max(len(others) - same - noise, 0)
+            changed[number] += appeared + len(as_found) - same + (_count_long(as_found) if variants.is_slow else 0)
+            counts[number] += same + appeared
+    every = [total, *counts.tolist()]
+    return Doubt(float(changed.mean()) / max(total, 1), round(min(every)), round(max(every)), total)
 
 
 def why_not_known(doubt: Doubt, joints: int, period_s: float) -> str | None:
-    """The reason why their number is not known, with the range in which it lies; None where it is known."""
+    """Return the reason why the number of joints is not known, with the range found; None if it is known."""
     allowed = MOST_DOUBT_SLOW if period_s > SLOW_S else MOST_DOUBT
     if period_s > SLOW_S and not joints:
         return f"None were found, but readings {period_s:g} s apart do not show short joints."
@@ -104,35 +107,36 @@ def why_not_known(doubt: Doubt, joints: int, period_s: float) -> str | None:
     )
 
 
-class _Looked:
+class _Variants:
     """The joints of a tool under any assumption."""
 
-    def __init__(self, parts: Sequence[Readied], model: ThermalModel, settings: Taken) -> None:
+    def __init__(self, parts: Sequence[ReadyStretch], model: ThermalModel, settings: JointSettings) -> None:
         self._parts, self._model, self._settings = parts, model, settings
         self._power_noise = power_noise([part.stretch for part in parts])
         self._flows: dict[Assumption, tuple[ThermalModel, list[Flow]]] = {}
 
     @property
     def is_slow(self) -> bool:
+        """Whether readings are too far apart to show a short gap."""
         return self._parts[0].stretch.period_s > SLOW_S
 
     def joints(self, assumed: Assumption, upside_down: bool = False) -> list[Draw]:
-        """In their order; `upside_down`: as if heat came back from the work."""
-        model, looked = self._flowing(replace(assumed, limits=1.0))
+        """Return the joints in order of time; `upside_down`: in the inverted flow, as if heat came back from the work."""
+        model, flows = self._flows_under(replace(assumed, limits=1.0))
         model = replace(model, noise=replace(model.noise.times(assumed.limits), floors=assumed.limits))
-        looked = [Flow(one.stretch, -one.flow) for one in looked] if upside_down else looked
-        found = [draw for one in looked for draw in draws_of(one, model, self._settings)]
+        flows = [Flow(one.stretch, -one.flow) for one in flows] if upside_down else flows
+        found = [draw for one in flows for draw in find_draws(one, model, self._settings)]
         return [draw for draw in found if is_joint(draw, self._settings)]
 
-    def _flowing(self, assumed: Assumption) -> tuple[ThermalModel, list[Flow]]:
-        """The model under an assumption, and the flow with it."""
+    def _flows_under(self, assumed: Assumption) -> tuple[ThermalModel, list[Flow]]:
+        """Return the model under an assumption, and the flows with it."""
         if assumed not in self._flows:
-            model = self._assumed(assumed)
-            self._flows[assumed] = model, [flows(part.stretch, model, part.ready) for part in self._parts]
+            model = self._model_under(assumed)
+            self._flows[assumed] = model, [flow_into_work(part.stretch, model, part.ready) for part in self._parts]
         return self._flows[assumed]
 
-    def _assumed(self, assumed: Assumption) -> ThermalModel:
-        """Its noise is as many times what the readings explain as that of the model is."""
+    def _model_under(self, assumed: Assumption) -> ThermalModel:
+        """Return the model under an assumption; its noise keeps its ratio to the noise that the readings explain."""
         model, period = self._model, self._parts[0].stretch.period_s
         other = replace(model, capacity=assumed.capacity * model.capacity, lag_s=model.lag_s + assumed.later_s)
         noises = (model.temperature_noise, self._power_noise)
@@ -141,12 +145,12 @@ class _Looked:
         return replace(other, noise=after.times(model.noise.flow / before.flow))
 
 
-def _long(draws: Sequence[Draw]) -> int:
+def _count_long(draws: Sequence[Draw]) -> int:
     return sum(one.dwell_s > LONG_S for one in draws)
 
 
-def _same(some: Sequence[Draw], others: Sequence[Draw]) -> int:
-    """How many of two lists in order are the same draw: they overlap for half of the shorter one; each counts once."""
+def _count_same(some: Sequence[Draw], others: Sequence[Draw]) -> int:
+    """Return how many draws two sorted lists share: they overlap for half of the shorter one; each counts once."""
     same, place = 0, 0
     for one in some:
         while place < len(others) and others[place].end_s <= one.start_s:

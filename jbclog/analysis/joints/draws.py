@@ -1,8 +1,8 @@
-"""A draw of heat: contacts of the tip (`draws`) that belong together, and how much heat went into the work.
+"""Heat draws: contacts of the tip that belong groups, with the heat that went into the work.
 
-*Heat* is the integral of the flow, to twice the smoothing beyond its edges, so that what the smoothing spread is in it.
-*Confidence* is 1 - ½·exp(1 - m) with m the peak over the limit that noise reaches once in 31 600 looks; halved with fewer
-than three readings. It is no probability.
+*Heat* is the integral of the flow to twice the smoothing beyond the edges, so that it includes what the smoothing spread.
+*Confidence* is 1 - ½·exp(1 - m), with m the peak divided by the limit that noise reaches once in 31 600 looks; halved with fewer
+than three readings. It is not a probability.
 """
 
 from __future__ import annotations
@@ -15,30 +15,31 @@ from typing import Final
 
 import numpy as np
 
-from jbclog.analysis.joints.contacts import HIGH_NOISES, HIGH_PERMILLE, Flow, Span, find_spans
-from jbclog.analysis.joints.parameters import Taken
+from jbclog.analysis.joints.contacts import HIGH_NOISES, HIGH_PERMILLE, Contact, Flow, find_contacts
+from jbclog.analysis.joints.parameters import JointSettings
 from jbclog.analysis.joints.segments import segments
 from jbclog.analysis.joints.thermal import ThermalModel
 from jbclog.analysis.verdict.idle import Floats
 
-LEAST_HEAT: Final = 20.0  # ‰·s: less is within what the heat balance leaves; the smallest pad takes 100
+LEAST_HEAT: Final = 20.0  # ‰·s: less is within the error of the heat balance; the smallest pad takes 100
 SURE_DWELL_S, SURE_HEAT, SURE_PEAK = 0.5, 65.0, 80.0
 FEW_READINGS: Final = 3
 CUT_CONFIDENCE: Final = 0.5  # of the draw's
-SEEN_TO_FALL: Final = 0.7  # of the lower of both sides: a flow that falls to less between two feeds has fallen
-SHOWN_PERIOD_S: Final = 0.25  # rates that are slower do not show what lies between two joints
+FALLEN_SHARE: Final = 0.7  # of the lower side: a flow below it between two feeds has fallen
+SLOWEST_PERIOD_S: Final = 0.25  # slower readings do not show what lies between two joints
 JOINT, NOT_KNOWN = "joint", "not known"
 ENDS, BEGINS = "The record, or the tool's work, ends in it.", "The record, or the tool's work, begins in it."
 
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """A draw of heat: seconds on the grid, s, ‰·s, ‰. `contacts` were put together in it; `fed` is None where that is not known.
+    """A heat draw: seconds on the run's grid, dwell in s, heat in ‰·s, peak in ‰, and the number of contacts in it.
 
-    `cut` says what cut it off, where something did; `loss` is that of its tip's model in ‰/K. A feed of which no draw was found
-    has neither heat nor peak, and its edges are those of the time in which it was. `cut_by_feeds`: it is a part of a draw in which
-    there were feeds of several joints. `is_unfed`: wire decides, and none was pushed in it. `late_s`: how much later than its edges
-    the temperature shows it.
+    `cut` is what cut it off, if anything did. `fed` is whether wire was pushed in it, None if not known. `loss` is that of the
+    tip's model in ‰/K. `cut_by_feeds`: it is a part of a draw with the feeds of several joints. `is_unfed`: the feeder decides and
+    pushed no wire. `late_s` is how much later than these edges the temperature shows it.
+
+    A feed without a draw has neither heat nor peak; its edges are those of the time in which the feed was.
     """
 
     start_s: float
@@ -57,72 +58,71 @@ class Draw:
 
     @property
     def kind(self) -> str:
-        """``joint``, or ``not known`` where it may as well be a wipe or a touch without solder, or a feed without a joint."""
+        """``joint``, or ``not known`` if it can also be a wipe, a touch without solder, or a feed without a joint."""
         if self.is_unfed:
             return NOT_KNOWN
         sure = self.dwell_s >= SURE_DWELL_S and (self.heat or 0.0) >= SURE_HEAT and (self.peak or 0.0) >= SURE_PEAK
         return JOINT if (self.fed and self.heat is not None) or sure else NOT_KNOWN
 
 
-def is_joint(draw: Draw, settings: Taken) -> bool:
-    """Whether it lasts long enough; one that was cut off may have."""
+def is_joint(draw: Draw, settings: JointSettings) -> bool:
+    """Return whether the draw lasts long enough; one that was cut off may have, and one with a feed is a joint."""
     return draw.dwell_s >= settings.least_dwell_s or draw.cut is not None or bool(draw.fed)
 
 
-def draws_of(part: Flow, model: ThermalModel, settings: Taken) -> list[Draw]:
-    """The draws of a stretch: contacts, put together where they are close."""
-    spans = find_spans(part, model.noise, settings.expected_every_s)
-    together: list[list[Span]] = []
-    for span in spans:
-        if together and span.start_s - together[-1][-1].end_s < settings.merge_gap_s:
-            together[-1].append(span)
+def find_draws(part: Flow, model: ThermalModel, settings: JointSettings) -> list[Draw]:
+    """Return the draws of a stretch in order of time: its contacts, merged where they are close."""
+    groups: list[list[Contact]] = []
+    for contact in find_contacts(part, model.noise, settings.expected_every_s):
+        if groups and contact.start_s - groups[-1][-1].end_s < settings.merge_gap_s:
+            groups[-1].append(contact)
         else:
-            together.append([span])
-    return [draw for draw in _draws(part, model, together) if (draw.heat or 0.0) >= LEAST_HEAT]
+            groups.append([contact])
+    return [draw for draw in _as_draws(part, model, groups) if (draw.heat or 0.0) >= LEAST_HEAT]
 
 
-def _draws(part: Flow, model: ThermalModel, together: Sequence[Sequence[Span]]) -> list[Draw]:
-    """Each of these contacts as a draw."""
+def _as_draws(part: Flow, model: ThermalModel, groups: Sequence[Sequence[Contact]]) -> list[Draw]:
+    """Return each group of contacts as a draw."""
     flow, period, noise, late_s = part.flow, part.stretch.period_s, model.noise, model.delay.moved_s
-    beside = max(round(2 * noise.smooth_s / period), 1)
-    first = np.array([some[0].first for some in together], dtype=np.int64)
-    last = np.array([some[-1].last for some in together], dtype=np.int64)
-    begin = np.maximum(first - beside, np.append(0, last[:-1] + 1))
-    until = np.minimum(last + beside + 1, np.append(first[1:], len(flow)))
+    margin = max(round(2 * noise.smooth_s / period), 1)
+    first = np.array([group[0].first for group in groups], dtype=np.int64)
+    last = np.array([group[-1].last for group in groups], dtype=np.int64)
+    begin = np.maximum(first - margin, np.append(0, last[:-1] + 1))
+    until = np.minimum(last + margin + 1, np.append(first[1:], len(flow)))
     heats = segments(begin, np.maximum(until, begin)).total(flow) * period
     peaks = segments(first, last + 1).greatest(flow)
     over = np.maximum(peaks / max(HIGH_NOISES * noise.flow, HIGH_PERMILLE), 1.0)
     sure = 1 - 0.5 * np.exp(1 - over)
     found: list[Draw] = []
-    for some, heat, peak, confidence in zip(together, heats.tolist(), peaks.tolist(), sure.tolist(), strict=True):
-        start_s, end_s = some[0].start_s, some[-1].end_s
+    for group, heat, peak, confidence in zip(groups, heats.tolist(), peaks.tolist(), sure.tolist(), strict=True):
+        start_s, end_s = group[0].start_s, group[-1].end_s
         few = (end_s - start_s) / period + 1 < FEW_READINGS
-        cut = ENDS if some[-1].last >= len(flow) - 2 else BEGINS if some[0].first <= 1 else None
-        dwell = sum(span.end_s - span.start_s for span in some)
+        cut = ENDS if group[-1].last >= len(flow) - 2 else BEGINS if group[0].first <= 1 else None
+        dwell = sum(contact.end_s - contact.start_s for contact in group)
         confidence = round(confidence * (0.5 if few else 1.0), 3)
-        found.append(Draw(start_s, end_s, dwell, heat, peak, len(some), confidence, cut, None, model.loss, late_s=late_s))
+        found.append(Draw(start_s, end_s, dwell, heat, peak, len(group), confidence, cut, None, model.loss, late_s=late_s))
     return found
 
 
-class Flows:
-    """The flow of a port by its seconds."""
+class FlowByTime:
+    """The flow of a port, found by its seconds."""
 
-    def __init__(self, looked: Sequence[Flow]) -> None:
-        self._looked = looked
-        self._starts = [float(one.stretch.seconds[0]) for one in looked]
+    def __init__(self, flows: Sequence[Flow]) -> None:
+        self._flows = flows
+        self._starts = [float(one.stretch.seconds[0]) for one in flows]
 
     def between(self, start_s: float, end_s: float) -> tuple[Floats, Floats]:
-        """Seconds and flow in ‰ from one moment to the other, as far as they lie in one stretch."""
+        """Return seconds and flow in ‰ between two moments, as far as they lie in one stretch."""
         place = bisect_right(self._starts, start_s + 1e-6) - 1
         if place < 0:
             return np.empty(0), np.empty(0)
-        one = self._looked[place]
+        one = self._flows[place]
         first, last = np.searchsorted(one.stretch.seconds, [start_s - 1e-6, end_s + 1e-6])
         return one.stretch.seconds[first:last], one.flow[first:last]
 
 
-def put_together(draws: Sequence[Draw]) -> Draw:
-    """Neighbours as one draw."""
+def merged_draw(draws: Sequence[Draw]) -> Draw:
+    """Return neighbouring draws as one."""
     first, last = draws[0], draws[-1]
     if first is last:
         return first
@@ -139,27 +139,27 @@ def put_together(draws: Sequence[Draw]) -> Draw:
     )
 
 
-def lowest_between(flows: Flows, start_s: float, end_s: float, period_s: float) -> float:
-    """The moment of the lowest flow between two; their middle where no flow is known."""
-    seconds, flow = flows.between(start_s, max(end_s, start_s + period_s))
+def lowest_between(by_time: FlowByTime, start_s: float, end_s: float, period_s: float) -> float:
+    """Return the moment of the lowest flow between two moments, or their middle if no flow is known."""
+    seconds, flow = by_time.between(start_s, max(end_s, start_s + period_s))
     return float(seconds[flow.argmin()]) if len(flow) else (start_s + end_s) / 2
 
 
-def has_fallen(flows: Flows, before_s: float, valley_s: float, after_s: float, period_s: float) -> bool:
-    """Whether the flow is seen to fall at a moment between two others, or the rate cannot show it."""
-    _, before = flows.between(before_s, valley_s)
-    _, after = flows.between(valley_s, after_s)
-    if period_s > SHOWN_PERIOD_S or not len(before) or not len(after):
+def has_fallen(by_time: FlowByTime, before_s: float, valley_s: float, after_s: float, period_s: float) -> bool:
+    """Return whether the flow falls at a moment between two others; also True where the sampling rate cannot show it."""
+    _, before = by_time.between(before_s, valley_s)
+    _, after = by_time.between(valley_s, after_s)
+    if period_s > SLOWEST_PERIOD_S or not len(before) or not len(after):
         return True
-    return float(after[0]) <= SEEN_TO_FALL * min(float(before.max()), float(after.max()))
+    return float(after[0]) <= FALLEN_SHARE * min(float(before.max()), float(after.max()))
 
 
-def cut(draw: Draw, moments: Sequence[float], flows: Flows, period_s: float) -> list[Draw]:
-    """The parts of a draw between these moments."""
+def cut_draw(draw: Draw, moments: Sequence[float], by_time: FlowByTime, period_s: float) -> list[Draw]:
+    """Return the parts of a draw between these moments."""
     edges = [draw.start_s, *moments, draw.end_s]
     parts = []
     for start, end in pairwise(edges):
-        _, flow = flows.between(start, end)
+        _, flow = by_time.between(start, end)
         parts.append(
             replace(
                 draw,

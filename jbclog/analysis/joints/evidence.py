@@ -1,7 +1,7 @@
-"""The joints of a sealed run as evidence for its verdict: from its Parquet files, without pandas.
+"""The joints of a sealed run as evidence for its verdict, from its Parquet files and without pandas.
 
-The recorder calls it when the run has ended, `report` when it judges again; both so come to the same. It takes scipy and some
-time, and is asked only for stations whose recipe has a limit about joints.
+The recorder calls this when the run has ended, and `report` when it judges again, so both get the same result. It needs scipy and
+some time, and runs only for stations whose recipe has a limit about joints.
 """
 
 from __future__ import annotations
@@ -16,14 +16,13 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.analysis.joints.draws import Draw
-from jbclog.analysis.joints.joints import Found as JointsFound
-from jbclog.analysis.joints.joints import find_joints
-from jbclog.analysis.joints.parameters import Asked, asked_of
-from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, PortReader, at_once, floats, micros, only
+from jbclog.analysis.joints.joints import FoundJoints, find_joints
+from jbclog.analysis.joints.parameters import JointOptions, options_of
+from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, PortReader, at_once, filtered, floats, micros
 from jbclog.analysis.joints.port_rows import CYCLES, cycles_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Cycles, Series
-from jbclog.analysis.joints.solder_wire import between, feeds_counted
+from jbclog.analysis.joints.solder_wire import counter_span, feeds_counted
 from jbclog.analysis.joints.sweeps import PortSweeps
 from jbclog.analysis.verdict import Feeds, PortJoints, Recovery
 from jbclog.analysis.verdict.idle import Floats
@@ -36,80 +35,81 @@ from jbclog.record.schema import SCHEMAS
 
 EDGE_S: Final = 1.0
 COUNTERS: Final = ["time", "station", "port", "counter", "value"]
-Found = dict[tuple[str, int], PortJoints]
+Evidence = dict[tuple[str, int], PortJoints]
 
 
-def joint_evidence(folder: Path, stations: Sequence[StationFacts], t0_utc: float | None) -> Found:
-    """The joints of each port of these stations that has a tip; `t0_utc` is the manifest's.
+def joint_evidence(folder: Path, stations: Sequence[StationFacts], t0_utc: float | None) -> Evidence:
+    """Return the joints of each port of these stations that has a tip; `t0_utc` is the manifest's.
 
-    Ports without a feeder are looked at in windows (`sweeps`), the others as a whole.
+    Ports without a feeder are read in windows (`sweeps`), the others as a whole.
     """
     with_tip, clock = [facts for facts in stations if has_tip(facts)], (steps_of(folder), round((t0_utc or 0.0) * 1e6))
-    in_windows, found = [facts for facts in with_tip if not has_feeder(facts)], Found()
+    in_windows, found = [facts for facts in with_tip if not has_feeder(facts)], Evidence()
     for some in at_once(in_windows, lambda facts: len(facts.ports), MOST_PORTS):
         found.update(_in_windows(folder, some, *clock))
     found.update(_whole(folder, [facts for facts in with_tip if has_feeder(facts)], *clock))
     return {(facts.name, port): found[facts.name, port] for facts in with_tip for port in facts.ports}
 
 
-def _in_windows(folder: Path, stations: Sequence[StationFacts], steps: Sequence[Step], t0_us: int) -> Found:
+def _in_windows(folder: Path, stations: Sequence[StationFacts], steps: Sequence[Step], t0_us: int) -> Evidence:
     rows = PortReader(stations, lambda columns: row_groups(folder, "samples", columns), steps, t0_us, MOST_ROWS)
-    asked = {facts.name: asked_of(joints_asked(folder, facts)) for facts in stations}
-    ports = {(facts.name, port): PortSweeps(asked[facts.name]) for facts in stations for port in facts.ports}
+    options = {facts.name: options_of(joints_asked(folder, facts)) for facts in stations}
+    ports = {(facts.name, port): PortSweeps(options[facts.name]) for facts in stations for port in facts.ports}
     rows.sweep(ports)
-    return {key: _told(port.found, rows.rows(key), rows.period_s(key)) for key, port in ports.items()}
+    return {key: _port_joints(port.found, rows.rows(key), rows.period_s(key)) for key, port in ports.items()}
 
 
-def _told(found: JointsFound, rows: int, period_s: float) -> PortJoints:
+def _port_joints(found: FoundJoints, rows: int, period_s: float) -> PortJoints:
     if not rows:
         return PortJoints(why="Nothing was recorded at all.")
     recoveries = [_recovery(joint) for joint in found.joints]
-    return PortJoints(recoveries, None, found.heat_why or found.why, _hidden(rows * period_s, found), found.unseen_s)
+    return PortJoints(recoveries, None, found.heat_why or found.why, _possibly_unseen(rows * period_s, found), found.unseen_s)
 
 
-def _whole(folder: Path, stations: Sequence[StationFacts], steps: Sequence[Step], t0_us: int) -> Found:
-    found, stepped_s = Found(), sum(abs(step.size_s) for step in steps)
+def _whole(folder: Path, stations: Sequence[StationFacts], steps: Sequence[Step], t0_us: int) -> Evidence:
+    found, stepped_s = Evidence(), sum(abs(step.size_s) for step in steps)
     for some in at_once(stations, _rows, MOST_ROWS):
         reader = PortReader(some, lambda columns: row_groups(folder, "samples", columns), steps, t0_us, MOST_ROWS)
-        asked = {facts.name: asked_of(joints_asked(folder, facts)) for facts in some}
+        options = {facts.name: options_of(joints_asked(folder, facts)) for facts in some}
         counters = {facts.name: _counters(folder, facts.name) for facts in some}
         for (name, port), (series, utc_us) in reader.whole().items():
-            cycles = _cycles(only(counters[name], pc.equal(counters[name]["port"], port)), utc_us, series.seconds)
-            found[name, port] = _port(replace(series, cycles=cycles), asked[name], stepped_s)
+            cycles = _cycles(filtered(counters[name], pc.equal(counters[name]["port"], port)), utc_us, series.seconds)
+            found[name, port] = _whole_port(replace(series, cycles=cycles), options[name], stepped_s)
     return found
 
 
 def _rows(facts: StationFacts) -> int:
+    """Return the number of rows of a station."""
     return len(facts.ports) * ((facts.last_tick or 0) - (facts.first_tick or 0) + 1)
 
 
 def _counters(folder: Path, station: str) -> pa.Table:
-    pieces = [only(group, pc.equal(group["station"], station)) for group in row_groups(folder, "counters", COUNTERS)]
+    pieces = [filtered(group, pc.equal(group["station"], station)) for group in row_groups(folder, "counters", COUNTERS)]
     return pa.concat_tables([SCHEMAS["counters"].empty_table().select(COUNTERS), *pieces])
 
 
-def _port(series: Series, asked: Asked, stepped_s: float) -> PortJoints:
+def _whole_port(series: Series, options: JointOptions, stepped_s: float) -> PortJoints:
     if not len(series.seconds):
         return PortJoints(why="Nothing was recorded at all.")
-    found = find_joints(series, asked)
+    found = find_joints(series, options)
     recoveries = [_recovery(joint) for joint in found.joints]
     feeds = None
     if found.heat_why is None:
         why = found.number_why
         feeds = feeds_of(series, found.by_heat, stepped_s) if why is None else Feeds(0, 0, 0, None, why=why)
-    hidden = _hidden(len(series.seconds) * series.period_s, found)
+    hidden = _possibly_unseen(len(series.seconds) * series.period_s, found)
     return PortJoints(recoveries, feeds, found.heat_why or found.why, hidden, found.unseen_s)
 
 
-def _hidden(seconds: float, found: JointsFound) -> int:
-    """How many joints there may be where nothing was read: one in each piece, or as many as elsewhere in that time."""
+def _possibly_unseen(seconds: float, found: FoundJoints) -> int:
+    """Return how many joints there may be where nothing was read: one in each piece, or as many as elsewhere in that time."""
     seen_s = seconds - found.unseen_s
     rate = len(found.joints) / seen_s if seen_s > 0 else 0.0
     return max(found.unseen, ceil(rate * found.unseen_s))
 
 
 def _recovery(joint: Joint) -> Recovery | None:
-    """What the judge has to know of a joint; None where nothing is known of its recovery."""
+    """Return a joint's recovery for the verdict; None if nothing is known of it."""
     if joint.recovery_s is not None:
         return Recovery(round(joint.recovery_s, 6), True)
     return None if joint.had_s is None else Recovery(round(joint.had_s, 6), joint.recovered)
@@ -121,24 +121,26 @@ def _cycles(counters: pa.Table, rows_us: Counts, seconds: Floats) -> Cycles:
 
 
 def feeds_of(series: Series, draws: Sequence[Draw], stepped_s: float = 0.0) -> Feeds:
-    """What was found and counted between the first and the last reading; `stepped_s` is by how much the wall clock was stepped.
+    """Return joints found and feeds counted between the first and the last reading of the feeder's counter.
 
-    `draws` are the joints by heat alone: those that the feeder helped to find would be held against itself.
+    The counter has its time in UTC and the joints stand on the run's grid, so the two agree to `EDGE_S` and to `stepped_s`, by
+    which the wall clock was stepped; a joint that is closer to the first or last reading is not known to be inside. `draws` are the
+    joints by heat alone, because joints that the feeder helped to find must not be compared with the feeder.
     """
     counted = feeds_counted(series)
     if counted.value is None or series.cycles is None:
         return Feeds(0, 0, 0, None, why=counted.why or "")
-    start, end = between(series, series.cycles.seconds)
+    start, end = counter_span(series, series.cycles.seconds)
     sides = [start <= draw.start_s < end for draw in draws if _is_near(draw, (start, end), EDGE_S + stepped_s)]
     found = sum(start <= draw.start_s < end for draw in draws)
-    return Feeds(found, sum(sides), len(sides) - sum(sides), round(counted.value), _lost_s(series, start, end))
+    return Feeds(found, sum(sides), len(sides) - sum(sides), round(counted.value), _unread_s(series, start, end))
 
 
 def _is_near(draw: Draw, edges: Sequence[float], slack_s: float) -> bool:
     return any(draw.start_s - slack_s <= edge <= draw.end_s + slack_s for edge in edges)
 
 
-def _lost_s(series: Series, start: float, end: float) -> float:
-    """For how long temperature or power was not read, where there is a gap; single rows that were lost hide no joint."""
+def _unread_s(series: Series, start: float, end: float) -> float:
+    """Return for how long temperature or power was not read, if there is a gap; single lost rows hide no joint."""
     windows = [series.window(column, start, end) for column in (series.rows.temperature, series.rows.power)]
     return max((window.due - window.n) * series.period_s if window.gap else 0.0 for window in windows)

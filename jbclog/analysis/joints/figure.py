@@ -1,8 +1,8 @@
-"""A figure: one number with what it rests on, or the reason why there is none.
+"""A figure: one number with what it is based on, or the reason why there is none.
 
-`n` is how many readings, joints or heat-ups it was made of; `coverage` the share of the readings due in its window that are
-there, in per cent; `resolution` the smallest difference that it can show, in its unit. A figure whose window has a gap has no
-value, never zero: a gap is a place where two readings that follow each other are more than `GAP_PERIODS` nominal periods apart.
+`n` is the number of readings, joints or heat-ups in it; `coverage` the share of readings due in its window that were obtained, in
+per cent; `resolution` the smallest difference that it can show, in its unit. A figure whose window has a gap has no value, never
+zero. A gap is where two consecutive readings are more than `GAP_PERIODS` periods apart.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ class Figure:
     why: str | None = None
 
     def named(self, name: str) -> Figure:
+        """Return the same figure under another name."""
         return replace(self, name=name)
 
 
 def no_figure(name: str, unit: str, why: str, n: int = 0, coverage: float | None = None) -> Figure:
-    """A figure without a value, and the reason as a sentence."""
+    """Return a figure without a value, with the reason as a sentence."""
     return Figure(name, None, unit, n, coverage, None, why)

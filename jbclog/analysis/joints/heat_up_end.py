@@ -1,9 +1,9 @@
-"""From when on a tip can be soldered with: its heat-up is over.
+"""When a tip is ready to solder with: its heat-up is over.
 
-It is once the tip has come within `NEAR_K` of its setpoint, and rises slower than `SLOW_K_PER_S`, since it went to work or
-since its setpoint was last raised, or once it has stopped rising for `CALM_S`: a tip that never gets near its setpoint is
-soldered with, too. Over a short gap of the record, and over a stand that left the tip warm, it stays ready if it is not much
-colder than before.
+A tip is ready once it has come within `NEAR_K` of its setpoint and rises slower than `SLOW_K_PER_S`, since it began to work or
+since its setpoint was last raised; or once it has stopped rising for `CALM_S`, because a tip that never reaches its setpoint is
+used, too. Across a short gap of the record, and across a stand that left the tip warm, it stays ready if it is not much colder than
+before.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from jbclog.analysis.joints.series import Stretch
 from jbclog.analysis.verdict.idle import Flags
 
 NEAR_K, SLOW_K_PER_S = 30.0, 5.0
-SLOW_OVER_S: Final = 0.4
+SLOW_FOR_S: Final = 0.4
 CALM_S, CALM_K = 2.0, 3.0
 SHORT_GAP_S: Final = 15.0
-TRUSTED_S: Final = 20.0  # from a window's first reading on, what was seen in the window before it decides
+TRUSTED_S: Final = 20.0  # after a window's first reading, what the window before shows decides
 
 
 @dataclass(frozen=True, slots=True)
-class Readied:
-    """A stretch, and in which of its rows the tip is ready."""
+class ReadyStretch:
+    """A stretch, and the rows of it in which the tip is ready."""
 
     stretch: Stretch
     ready: Flags
@@ -40,27 +40,30 @@ class Readied:
         return len(self.stretch) * self.stretch.period_s
 
 
-def readied(stretches: Sequence[Stretch]) -> list[Readied]:
-    """The stretches of a port in their order."""
-    found: list[Readied] = []
+def ready_stretches(stretches: Sequence[Stretch]) -> list[ReadyStretch]:
+    """Return the stretches of a port, in order of time, with their ready rows."""
+    found: list[ReadyStretch] = []
     for stretch in stretches:
         before = found[-1] if found else None
-        found.append(Readied(stretch, _ready(stretch, before)))
+        found.append(ReadyStretch(stretch, _ready(stretch, before)))
     return found
 
 
-def continued(stretches: Sequence[Stretch], window_before: Sequence[Readied]) -> list[Readied]:
-    """The same of a window of a record; what goes on from the window before it is ready where it was there."""
-    found: list[Readied] = []
+def ready_stretches_of_window(stretches: Sequence[Stretch], window_before: Sequence[ReadyStretch]) -> list[ReadyStretch]:
+    """Return the stretches of one window of a record with their ready rows.
+
+    A stretch that continues from the window before is ready where it was ready there.
+    """
+    found: list[ReadyStretch] = []
     trusted_s = float(stretches[0].seconds[0]) + TRUSTED_S if stretches else 0.0
     for stretch in stretches:
-        told = _told(stretch, trusted_s, window_before)
-        found.append(Readied(stretch, _ready(stretch, found[-1] if found else None, told)))
+        known_row = _last_known_row(stretch, trusted_s, window_before)
+        found.append(ReadyStretch(stretch, _ready(stretch, found[-1] if found else None, known_row)))
     return found
 
 
-def _told(stretch: Stretch, until_s: float, window_before: Sequence[Readied]) -> tuple[int, bool] | None:
-    """The last row of a stretch that the window before it tells of, and whether the tip was ready in it."""
+def _last_known_row(stretch: Stretch, until_s: float, window_before: Sequence[ReadyStretch]) -> tuple[int, bool] | None:
+    """Return the last row of a stretch that the window before contains, and whether the tip was ready in it; or None."""
     if stretch.seconds[0] > until_s:
         return None
     row = min(int(np.searchsorted(stretch.seconds, until_s)), len(stretch) - 1)
@@ -71,32 +74,32 @@ def _told(stretch: Stretch, until_s: float, window_before: Sequence[Readied]) ->
     return None
 
 
-def _ready(stretch: Stretch, before: Readied | None, told: tuple[int, bool] | None = None) -> Flags:
-    """`told` is a row of which it is known, whatever came before it."""
+def _ready(stretch: Stretch, before: ReadyStretch | None, known_row: tuple[int, bool] | None = None) -> Flags:
+    """Return the rows in which the tip is ready; `known_row` overrides what comes before that row."""
     unknown, setpoint = np.isnan(stretch.setting), stretch.setting
     if unknown.any():
         setpoint = np.where(unknown, np.median(stretch.temperature), setpoint)
     rows = np.arange(len(stretch))
-    near = ((stretch.temperature >= setpoint - NEAR_K) & _slow(stretch)) | _stopped(stretch)
+    near = ((stretch.temperature >= setpoint - NEAR_K) & _rises_slowly(stretch)) | _has_stopped_rising(stretch)
     near[0] |= _stays_ready(stretch, before)
     raises = np.diff(setpoint, prepend=setpoint[0]) > 0
-    if told is not None:
-        row, is_ready = told
+    if known_row is not None:
+        row, is_ready = known_row
         near[: row + 1], raises[: row + 1] = is_ready, not is_ready
     raised = np.maximum.accumulate(np.where(raises, rows, 0))
     return np.asarray(np.maximum.accumulate(np.where(near, rows, -1)) >= raised, dtype=np.bool_)
 
 
-def _slow(stretch: Stretch) -> Flags:
-    """Rows at which the tip has risen little in the time before."""
-    back = max(round(SLOW_OVER_S / stretch.period_s), 1)
+def _rises_slowly(stretch: Stretch) -> Flags:
+    """Return the rows at which the tip has risen little in the time before."""
+    back = max(round(SLOW_FOR_S / stretch.period_s), 1)
     risen = np.full(len(stretch), np.inf)
     risen[back:] = stretch.temperature[back:] - stretch.temperature[:-back]
-    return np.asarray(risen < SLOW_K_PER_S * max(back * stretch.period_s, SLOW_OVER_S), dtype=np.bool_)
+    return np.asarray(risen < SLOW_K_PER_S * max(back * stretch.period_s, SLOW_FOR_S), dtype=np.bool_)
 
 
-def _stopped(stretch: Stretch) -> Flags:
-    """Rows in which a hot tip has not risen for a while."""
+def _has_stopped_rising(stretch: Stretch) -> Flags:
+    """Return the rows in which a hot tip has not risen for a while."""
     back = max(round(CALM_S / stretch.period_s), 1)
     stopped = np.zeros(len(stretch), dtype=np.bool_)
     temperature = stretch.temperature
@@ -104,7 +107,8 @@ def _stopped(stretch: Stretch) -> Flags:
     return stopped
 
 
-def _stays_ready(stretch: Stretch, before: Readied | None) -> bool:
+def _stays_ready(stretch: Stretch, before: ReadyStretch | None) -> bool:
+    """Return whether the tip was ready in the stretch before and is still about as warm."""
     if before is None or not before.ready[-1]:
         return False
     short = stretch.seconds[0] - before.stretch.seconds[-1] <= SHORT_GAP_S

@@ -1,21 +1,21 @@
-"""A tip's thermal model, identified on the run itself; or the reason why the record does not carry one.
+"""Identify a tip's thermal model on the run itself, or give the reason why the record does not show it.
 
-A mixture gives first estimates (`mixture`); usual tips are tried beside them. From each of these: find the contacts (`draws`), and
-fit the four parameters to the temperatures read in the rows at least `MARGIN_S` away from any, the heat-up among them
-(`_refined`). The best `FINALISTS` go on, `ROUNDS` in all; the best of them is taken (`_score`): the one that explains most rows as
-rest, while hardly any heat comes back from the work, and which is no unusual tip. No quantile of a line that may never rest is
-used. The uncertainties are those of the last fit, with the rows of each piece of rest taken together, since neighbours are alike
-(the sandwich estimate of Huber and White with clusters).
+A mixture gives first estimates (`mixture`); usual tips are tried as well. From each of these: find the contacts, fit the four
+parameters to the temperatures read in the rows at least `MARGIN_S` away from any contact, the heat-up among them (`_refined`), and
+repeat. The best `FINALISTS` are repeated to `ROUNDS` in all, and the best of them is taken (`_score`): the one that explains most
+rows as rest, with hardly any heat coming back from the work, and that is not an unusual tip. No quantile of a line that may never
+rest is used. The uncertainties are those of the last fit, with the rows of each piece of rest taken together because neighbours are
+alike (the sandwich estimate of Huber and White with clusters).
 
-Noise. What the noise of the readings explains, or what the flow below zero shows where that is more: heat that comes back is
-noise, or an error of the model (a regulator that fires in bursts, a told power that is a mean), whatever the line does.
+The noise is what the noise of the readings explains, or what the flow below zero shows if that is more: heat that comes back is
+noise or an error of the model (a regulator that switches in bursts, a reported power that is a mean), whatever the line does.
 
-Of a long record `MOST_S` are looked at, in windows of `WINDOW_S` that are spread evenly over it, the first of them its
-beginning: the work is bounded, and a week says nothing of a tip that an hour does not.
+A long record is sampled: `MOST_S` in windows of `WINDOW_S`, spread evenly over it, the first at its beginning. This bounds the
+work, and a week shows no more of a tip than an hour.
 
-No model where a parameter lies beyond what a soldering tip can have, where less than `LEAST_REST_S` without contact are left, or
-where more heat comes back from the work than noise explains. Where hardly anything warmed or cooled the tip without contact, so
-that its capacity is not known, there is a model only if all capacities that a tip can have show as many draws.
+There is no model if a parameter lies beyond what a soldering tip can have, if less than `LEAST_REST_S` without contact remain, or
+if more heat comes back from the work than noise explains. If hardly anything warmed or cooled the tip without contact, its capacity
+is not known, and there is a model only if all usual capacities give as many contacts.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from jbclog.analysis.joints.contacts import Flow, find_spans
+from jbclog.analysis.joints.contacts import Flow, find_contacts
 from jbclog.analysis.joints.delay import delay_of
-from jbclog.analysis.joints.heat_up_end import Readied
+from jbclog.analysis.joints.heat_up_end import ReadyStretch
 from jbclog.analysis.joints.mixture import (
     FLAT_PERMILLE,
     REFERENCE_NOISE,
@@ -40,6 +40,7 @@ from jbclog.analysis.joints.mixture import (
     bounded_solution,
     first_estimates,
 )
+from jbclog.analysis.joints.series import Stretch
 from jbclog.analysis.joints.thermal import (
     AIR_C,
     COARSE_S,
@@ -48,8 +49,8 @@ from jbclog.analysis.joints.thermal import (
     Noise,
     ThermalModel,
     balance_of,
-    noise_of,
-    noises,
+    least_smoothed_noise,
+    noise_levels,
     power_noise,
     smooth,
     smoothing_s,
@@ -60,26 +61,26 @@ from jbclog.analysis.verdict.idle import Flags, Floats
 
 ROUNDS, FINALISTS = 3, 2
 MARGIN_S: Final = 0.2
-HOT_C: Final = 85.0  # a colder tip tells little of its losses
+HOT_C: Final = 85.0  # a colder tip shows little of its losses
 RISING_K_PER_S: Final = 5.0
-FULL_SHARE: Final = 0.95  # of the most power in it: what a heat-up takes while nothing is regulated yet
-PIECE_S: Final = 2.0  # over longer ones what the balance leaves out adds up
+FULL_SHARE: Final = 0.95  # of its highest power: a heat-up takes more while nothing is regulated yet
+PIECE_S: Final = 2.0  # in longer pieces what the balance neglects adds up
 LEAST_PIECE: Final = 4
 REWEIGHTED: Final = 6
-LATE_SPREAD_S, SECOND_S, SECOND_SPREAD_S = 0.15, 0.03, 0.06  # what is usual; the second over the capacity
-LAG_RANGE_S, SECOND_RANGE_S = (-0.15, 0.4), (0.0, 0.06)  # the second over the capacity
-INVERSE_SPREAD, INVERSE_RANGE, ALIKE_ROWS = 0.7, (1 / 60, 1 / 2), 20.0  # of 1 / capacity; errors of so many rows are alike
-LEAVES_NOISES: Final = 1.5  # of the slope of a piece: more is contact that was not found
-MOST_UNSURE: Final = 0.3  # of the capacity: then the record does not show it
+LATE_SPREAD_S, SECOND_S, SECOND_SPREAD_S = 0.15, 0.03, 0.06  # usual values; `second` divided by the capacity
+LAG_RANGE_S, SECOND_RANGE_S = (-0.15, 0.4), (0.0, 0.06)  # `second` divided by the capacity
+INVERSE_SPREAD, INVERSE_RANGE, ALIKE_ROWS = 0.7, (1 / 60, 1 / 2), 20.0  # of 1 / capacity; so many rows share their errors
+LEAVES_NOISES: Final = 1.5  # of the slope of a piece: a steeper one is contact that was not found
+MOST_UNSURE: Final = 0.3  # of the capacity: beyond, the record does not show it
 CAPACITY_RANGE, LOSS_RANGE = (2.0, 80.0), (0.02, 3.0)
-TRIED: Final = (5.0, 10.0, 20.0)  # ‰·s/K, where it is not known
-APART: Final = 0.25  # of the logarithm: nearer starts are one
+USUAL_CAPACITIES: Final = (5.0, 10.0, 20.0)  # ‰·s/K
+APART: Final = 0.25  # of the logarithm: starts closer together are one
 AGREE_SHARE: Final = 0.1  # of the draws
 MOST_S, WINDOW_S = 1200.0, 60.0
 LEAST_REST_S, LEAST_REST_ROWS = 3.0, 30
 BACKWARD_NOISES, MOST_BACKWARD = 5.0, 0.15
-BACKWARD_COST: Final = 10.0  # rows at rest that one in which heat comes back takes away
-KNOWN_COST: Final = 3.0  # and one of a heat-up that is not explained
+BACKWARD_COST: Final = 10.0  # rows at rest that outweigh one in which heat comes back
+KNOWN_COST: Final = 3.0  # and one of a heat-up that the fit does not explain
 CAPACITY_SPREAD, LOSS_SPREAD, PRIOR_SHARE = 0.6, 0.6, 0.04  # of logarithms; of all rows
 MEDIAN_TO_SD: Final = 1.4826
 LIMITS: Final[Sequence[tuple[int, Limits]]] = (  # of 1 / capacity, lag / capacity and second / capacity
@@ -87,41 +88,41 @@ LIMITS: Final[Sequence[tuple[int, Limits]]] = (  # of 1 / capacity, lag / capaci
     (2, lambda fitted: (LAG_RANGE_S[0] * max(fitted[0], 1e-3), LAG_RANGE_S[1] * max(fitted[0], 1e-3))),
     (3, lambda _: SECOND_RANGE_S),
 )
-MOST_TIMES: Final = 6.0  # more noise than this is no noise
+MOST_NOISE_FACTOR: Final = 6.0  # times the noise of readings: more is not noise
 
 
 @dataclass(frozen=True, slots=True)
-class Identified:
-    """The model of a tool, or why there is none."""
+class Identification:
+    """The model of a tool, or the reason why it is not known. With both, the model is not plausible."""
 
     model: ThermalModel | None
     why: str | None = None
 
 
-def identify(parts: Sequence[Readied]) -> Identified:
-    """The thermal model of the tip in these stretches."""
-    parts = windows(parts)
+def identify(parts: Sequence[ReadyStretch]) -> Identification:
+    """Return the thermal model of the tip in these stretches of one tool."""
+    parts = model_windows(parts)
     if not parts:
-        return Identified(None, "Temperature and power of a working tool were never read together.")
+        return Identification(None, "Temperature and power of a working tool were never read together.")
     delay = delay_of(parts)
-    parts = [Readied(part.stretch.power_later(delay.rows), part.ready) for part in parts]
-    rows = [_part(part) for part in parts]
+    parts = [ReadyStretch(part.stretch.power_later(delay.rows), part.ready) for part in parts]
+    rows = [_balanced(part) for part in parts]
     stretches = [part.stretch for part in parts]
-    read = _Reading(temperature_noise(stretches), power_noise(stretches))
+    reading = _ReadingNoise(temperature_noise(stretches), power_noise(stretches))
     usable = np.concatenate([one.usable for one in rows])
     if usable.sum() < LEAST_REST_ROWS:
-        return Identified(None, f"The tip was hot in {int(usable.sum())} readings; its heat balance takes {LEAST_REST_ROWS}.")
-    every = _rows(rows, stretches[0].period_s, read)
+        return Identification(None, f"The tip was hot in {int(usable.sum())} readings; its heat balance takes {LEAST_REST_ROWS}.")
+    every = _rows(rows, stretches[0].period_s, reading)
     known = np.concatenate([one.known for one in rows])
-    begun = [_tried(rows, usable, known, start, read, 1) for start in _starts(first_estimates(every.take(usable)))]
-    begun.sort(key=lambda one: -one.score)
-    tried = [_tried(rows, usable, known, one.fit.values, read, ROUNDS - 1) for one in begun[:FINALISTS]]
-    best = max(tried, key=lambda one: one.score)
-    found = _judged(rows, best.rest, best.fit, best.noise, read)
+    started = [_refined_candidate(rows, usable, known, start, reading, 1) for start in _starts(first_estimates(every.take(usable)))]
+    started.sort(key=lambda one: -one.score)
+    candidates = [_refined_candidate(rows, usable, known, one.fit.values, reading, ROUNDS - 1) for one in started[:FINALISTS]]
+    best = max(candidates, key=lambda one: one.score)
+    found = _plausible_model(rows, best.rest, best.fit, best.noise, reading)
     return found if found.model is None else replace(found, model=replace(found.model, delay=delay))
 
 
-def identify_each(tools: Sequence[Sequence[Readied]]) -> tuple[list[ThermalModel | None], str | None]:
+def identify_each(tools: Sequence[Sequence[ReadyStretch]]) -> tuple[list[ThermalModel | None], str | None]:
     """Return the model of each tool, None where it is not known, and the first reason why one is not."""
     found = [identify(parts) for parts in tools]
     why = next((one.why for one in found if one.why is not None), None)
@@ -129,68 +130,70 @@ def identify_each(tools: Sequence[Sequence[Readied]]) -> tuple[list[ThermalModel
 
 
 def _starts(estimates: list[Floats]) -> list[Floats]:
-    """The estimates, and capacities of a small, a medium and a large tip with the loss of the likeliest."""
+    """Return the estimates, and the capacities of a small, a medium and a large tip with the loss of the most likely estimate."""
     loss = min(max(float(estimates[0][1]), LOSS_RANGE[0]), LOSS_RANGE[1])
-    usual = [np.array([capacity, loss, 0.0, 0.0]) for capacity in TRIED]
+    usual = [np.array([capacity, loss, 0.0, 0.0]) for capacity in USUAL_CAPACITIES]
     near = [one for one in estimates if one[0] > CAPACITY_RANGE[0] and one[1] > LOSS_RANGE[0]]
     return near + [one for one in usual if all(abs(np.log(one[0] / other[0])) > APART for other in near)]
 
 
-def _tried(rows: Sequence[_Part], usable: Flags, known: Flags, start: Floats, read: _Reading, rounds: int) -> _Tried:
-    """Contacts found and parameters refined in turn."""
+def _refined_candidate(
+    rows: Sequence[_BalancedStretch], usable: Flags, known: Flags, start: Floats, reading: _ReadingNoise, rounds: int
+) -> _Candidate:
+    """Find contacts and refine the parameters in turn, `rounds` times, and return the result with its score."""
     fit, rest, score = _Fit(start, np.full((4, 4), np.nan), 0.0), usable, -np.inf
-    noise = _seen_noise(rows, usable, start, read)
+    noise = _observed_noise(rows, usable, start, reading)
     for _ in range(rounds):
-        rest = usable & np.concatenate([_rest(one, fit.values, noise) for one in rows])
+        rest = usable & np.concatenate([_rows_at_rest(one, fit.values, noise) for one in rows])
         if rest.sum() < LEAST_REST_ROWS:
             break
-        fit = _refined(rows, rest, known, fit.values, read.celsius)
-        noise = _seen_noise(rows, usable, fit.values, read)
-        score = _score(fit, noise, _backward(rows, usable, fit.values, read), int(usable.sum()))
-    return _Tried(fit, noise, rest, score)
+        fit = _refined(rows, rest, known, fit.values, reading.celsius)
+        noise = _observed_noise(rows, usable, fit.values, reading)
+        score = _score(fit, noise, _backward_rows(rows, usable, fit.values, reading), int(usable.sum()))
+    return _Candidate(fit, noise, rest, score)
 
 
 def _score(fit: _Fit, noise: Noise, backward: int, rows: int) -> float:
-    """How much likelier the rows at rest are than contact with any flow; what comes back counts against it."""
+    """Return how much more likely the rows at rest are than contact with any flow; heat that comes back counts against it."""
     capacity, loss = np.maximum(fit.values[:2], 1e-3)
     unusual = (np.log(capacity / USUAL_CAPACITY) / CAPACITY_SPREAD) ** 2 + (np.log(loss / USUAL_LOSS) / LOSS_SPREAD) ** 2
     gain = np.log(FLAT_PERMILLE / np.sqrt(noise.flow * REFERENCE_NOISE))
-    return float(gain * (fit.fits - BACKWARD_COST * backward - PRIOR_SHARE * rows * unusual))
+    return float(gain * (fit.rows_explained - BACKWARD_COST * backward - PRIOR_SHARE * rows * unusual))
 
 
-def _noise(period_s: float, values: Floats, read: _Reading) -> Noise:
-    return noise_of(period_s, values, read.celsius, read.permille)
+def _noise(period_s: float, values: Floats, reading: _ReadingNoise) -> Noise:
+    return least_smoothed_noise(period_s, values, reading.celsius, reading.permille)
 
 
-def _backward(parts: Sequence[_Part], usable: Flags, values: Floats, read: _Reading) -> int:
-    """The rows in which heat seems to come back from the work for a while, beyond what the readings' noise explains."""
-    noise = _noise(parts[0].readied.stretch.period_s, values, read)
+def _backward_rows(parts: Sequence[_BalancedStretch], usable: Flags, values: Floats, reading: _ReadingNoise) -> int:
+    """Return the number of rows in which heat comes back from the work for longer than the noise of readings explains."""
+    noise = _noise(parts[0].stretch.period_s, values, reading)
     flow = np.concatenate([_flow(one, values, max(COARSE_S, noise.smooth_s)) for one in parts])
     return int((usable & (flow < -BACKWARD_NOISES * noise.coarse)).sum())
 
 
-def windows(parts: Sequence[Readied]) -> list[Readied]:
-    """The stretches, or of a long record windows of them."""
-    taken = pieces_taken([len(part.stretch) for part in parts], parts[0].stretch.period_s) if parts else []
-    return [Readied(parts[place].stretch.take(rows), parts[place].ready[rows]) for place, rows in taken]
+def model_windows(parts: Sequence[ReadyStretch]) -> list[ReadyStretch]:
+    """Return the stretches, or windows of a long record."""
+    taken = pieces_for_model([len(part.stretch) for part in parts], parts[0].stretch.period_s) if parts else []
+    return [ReadyStretch(parts[place].stretch.take(rows), parts[place].ready[rows]) for place, rows in taken]
 
 
-def pieces_taken(lengths: Sequence[int], period_s: float) -> list[tuple[int, slice]]:
-    """Of stretches with so many rows: which rows of which are looked at."""
+def pieces_for_model(lengths: Sequence[int], period_s: float) -> list[tuple[int, slice]]:
+    """Return which rows of stretches of these `lengths` in rows the model comes from, as pairs of stretch and rows."""
     if sum(length * period_s for length in lengths) <= MOST_S:
         return [(place, slice(0, length)) for place, length in enumerate(lengths)]
-    pieces = [(place, rows) for place, length in enumerate(lengths) for rows in _pieces(length, period_s)]
+    pieces = [(place, rows) for place, length in enumerate(lengths) for rows in _windows_of(length, period_s)]
     taken = np.unique(np.linspace(0, len(pieces) - 1, round(MOST_S / WINDOW_S)).astype(np.int64))
     return [pieces[number] for number in taken.tolist()]
 
 
-def _pieces(length: int, period_s: float) -> list[slice]:
+def _windows_of(length: int, period_s: float) -> list[slice]:
     rows = max(round(WINDOW_S / period_s), 1)
     return [slice(cut, min(cut + rows, length)) for cut in range(0, max(length - rows // 2, 1), rows)]
 
 
 @dataclass(frozen=True, slots=True)
-class _Reading:
+class _ReadingNoise:
     """The noise of readings: of the temperature in °C and of the power in ‰."""
 
     celsius: float
@@ -198,10 +201,11 @@ class _Reading:
 
 
 @dataclass(frozen=True, slots=True)
-class _Part:
-    """A stretch with its heat balance, and the integrals over time of its power and of its height above the air."""
+class _BalancedStretch:
+    """A stretch with its heat balance, and the integrals over time of its power and of its temperature above the air."""
 
-    readied: Readied
+    stretch: Stretch
+    ready: Flags
     balance: Balance
     power_sum: Floats
     above_sum: Floats
@@ -213,208 +217,214 @@ class _Part:
     @property
     def heats(self) -> Flags:
         """Rows of a heat-up."""
-        return np.asarray(self.hot & ~self.readied.ready & (self.balance.warming > RISING_K_PER_S), dtype=np.bool_)
+        return np.asarray(self.hot & ~self.ready & (self.balance.warming > RISING_K_PER_S), dtype=np.bool_)
 
     @property
     def known(self) -> Flags:
-        """Those at full power, in which hardly anybody solders; nearer to its setpoint somebody may have begun."""
-        power = self.readied.stretch.power
+        """Rows of a heat-up at full power, which are at rest; closer to the setpoint, soldering may have begun."""
+        power = self.stretch.power
         return np.asarray(self.heats & (power >= FULL_SHARE * power[self.heats].max(initial=0.0)), dtype=np.bool_)
 
     @property
     def usable(self) -> Flags:
-        return np.asarray(self.hot & (self.readied.ready | self.heats), dtype=np.bool_)
+        """Rows that the model can use: hot, and ready or heating up."""
+        return np.asarray(self.hot & (self.ready | self.heats), dtype=np.bool_)
 
 
-def _part(readied: Readied) -> _Part:
-    stretch = readied.stretch
+def _balanced(part: ReadyStretch) -> _BalancedStretch:
+    stretch = part.stretch
     sums = (_integral(stretch.power, stretch.period_s), _integral(stretch.temperature - AIR_C, stretch.period_s))
-    return _Part(readied, balance_of(stretch), *sums)
+    return _BalancedStretch(stretch, part.ready, balance_of(stretch), *sums)
 
 
 def _integral(values: Floats, period_s: float) -> Floats:
+    """Return the integral up to each row (trapezoids)."""
     return np.asarray(period_s * (np.cumsum(values) - 0.5 * (values + values[0])), dtype=np.float64)
 
 
-def _rows(parts: Sequence[_Part], period_s: float, read: _Reading) -> Rows:
-    """What the first estimate looks at."""
+def _rows(parts: Sequence[_BalancedStretch], period_s: float, reading: _ReadingNoise) -> Rows:
+    """Return the rows for the first estimates."""
     return Rows(
         np.concatenate([one.balance.power for one in parts]),
         np.concatenate([one.balance.terms for one in parts]),
         np.concatenate([one.known for one in parts]),
-        term_noise(period_s, read.celsius),
+        term_noise(period_s, reading.celsius),
     )
 
 
-def _rest(one: _Part, values: Floats, noise: Noise) -> Flags:
-    """The rows of a stretch that are far enough from any contact."""
-    stretch = one.readied.stretch
+def _rows_at_rest(one: _BalancedStretch, values: Floats, noise: Noise) -> Flags:
+    """Return the rows of a stretch that are far enough from any contact."""
+    stretch = one.stretch
     flow = _flow(one, values, noise.smooth_s)
     rest = np.ones(len(stretch), dtype=np.bool_)
     margin = max(round(MARGIN_S / stretch.period_s), 1)
-    for span in find_spans(Flow(stretch, flow), noise):
-        rest[max(span.first - margin, 0) : span.last + margin + 1] = False
+    for contact in find_contacts(Flow(stretch, flow), noise):
+        rest[max(contact.first - margin, 0) : contact.last + margin + 1] = False
     return rest
 
 
-def _flow(one: _Part, values: Floats, smooth_s: float) -> Floats:
-    """The flow of a stretch, smoothed as draws are found in it."""
-    period = one.readied.stretch.period_s
+def _flow(one: _BalancedStretch, values: Floats, smooth_s: float) -> Floats:
+    """Return the flow of a stretch, smoothed as for finding contacts."""
+    period = one.stretch.period_s
     flow = one.balance.power - one.balance.terms @ values
     more = float(np.sqrt(max(smooth_s**2 - smoothing_s(period) ** 2, 0.0))) / period
     smoothed = smooth(flow, more) if more > 0.1 else flow
-    return np.asarray(np.where(one.readied.ready, smoothed, 0.0), dtype=np.float64)
+    return np.asarray(np.where(one.ready, smoothed, 0.0), dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """The four parameters of the heat balance and their covariance."""
+    """The four parameters of the heat balance, their covariance, and the number of rows that they explain."""
 
     values: Floats
     covariance: Floats
-    fits: float  # rows that it explains
+    rows_explained: float
 
 
 @dataclass(frozen=True, slots=True)
-class _Tried:
+class _Candidate:
+    """A fit with its noise, the rows at rest that it comes from, and its score."""
+
     fit: _Fit
     noise: Noise
     rest: Flags
     score: float
 
 
-def _refined(parts: Sequence[_Part], rest: Flags, known: Flags, values: Floats, noise_c: float) -> _Fit:
-    """The parameters with which the balance, summed up over each piece of rest, gives the temperatures that were read.
+def _refined(parts: Sequence[_BalancedStretch], rest: Flags, known: Flags, values: Floats, noise_c: float) -> _Fit:
+    """Return the parameters with which the balance, summed over each piece of rest, gives the temperatures that were read.
 
-    What is explained is the reading itself, by the heat that came and went since the piece began: its noise is white, and what
-    explains it has hardly any, where rates of change would have much (L. Ljung, System Identification, 1999, section 3.2:
-    output error). In K: T = begin + (power_sum - loss × above_sum + lag × power - second × T') / capacity.
+    The reading itself is explained, by the heat that came and went since the piece began. Its noise is white, and the terms have
+    hardly any, whereas rates of change have much (L. Ljung, System Identification, 1999, section 3.2: output error). In K: T =
+    begin + (power_sum - loss × above_sum + lag × power - second × T') / capacity.
     """
-    terms, read, piece, sure = _pieces_of(parts, rest, known)
+    terms, temperature, piece, sure = _rest_pieces(parts, rest, known)
     capacity = values[0]
     usual = np.array([1 / USUAL_CAPACITY, USUAL_LOSS / capacity, 0.0, SECOND_S])
     spread = np.array([INVERSE_SPREAD / USUAL_CAPACITY, USUAL_LOSS / capacity, LATE_SPREAD_S / capacity, SECOND_SPREAD_S])
     stiff = np.diag(np.square(noise_c / spread) * [ALIKE_ROWS, 1.0, 1.0, 1.0])
-    fitted, weight = np.array([1.0, values[1], values[3], values[2]]) / capacity, np.ones(len(read))
+    fitted, weight = np.array([1.0, values[1], values[3], values[2]]) / capacity, np.ones(len(temperature))
     for _ in range(REWEIGHTED):
-        left = _centred(read - terms @ fitted, piece, weight)
-        weight = _weights(left, piece, sure, noise_c)
-        near, aim = _centred(terms, piece, weight), _centred(read, piece, weight)
+        residuals = _centred(temperature - terms @ fitted, piece, weight)
+        weight = _weights(residuals, piece, sure, noise_c)
+        near, aim = _centred(terms, piece, weight), _centred(temperature, piece, weight)
         weighted = near * weight[:, None]
         fitted = bounded_solution(weighted.T @ near + stiff, weighted.T @ aim + stiff @ usual, LIMITS)
-    left = aim - near @ fitted
-    scores = np.add.reduceat(weighted * left[:, None], np.flatnonzero(np.diff(piece, prepend=-1)), axis=0)
+    residuals = aim - near @ fitted
+    scores = np.add.reduceat(weighted * residuals[:, None], np.flatnonzero(np.diff(piece, prepend=-1)), axis=0)
     bread = np.linalg.inv(weighted.T @ near + stiff)
     meat = scores.T @ scores + stiff * noise_c**2
-    fits = np.where(sure, 1 - KNOWN_COST * (np.abs(left) > 3 * noise_c), weight)
-    return _as_balance(fitted, bread @ meat @ bread, float(fits.sum()))
+    rows_explained = np.where(sure, 1 - KNOWN_COST * (np.abs(residuals) > 3 * noise_c), weight)
+    return _as_balance(fitted, bread @ meat @ bread, float(rows_explained.sum()))
 
 
-def _weights(left: Floats, piece: NDArray[np.int64], sure: Flags, noise_c: float) -> Floats:
-    """What a row counts: less beyond noise, and less in a piece in which heat leaves, which is contact that was not found.
+def _weights(residuals: Floats, piece: NDArray[np.int64], sure: Flags, noise_c: float) -> Floats:
+    """Return the weight of each row: less beyond the noise, and less in a piece in which heat leaves, which is contact not found.
 
-    A piece in which heat comes back counts whole: there is no such thing, so that the fit must do without it.
+    A piece in which heat comes back keeps its full weight: it does not exist, so the fit must not need it.
     """
     count = np.bincount(piece)
-    row = np.arange(len(left)) - np.concatenate(([0], np.cumsum(count)[:-1]))[piece] - 0.5 * (count[piece] - 1)
-    turns = np.bincount(piece, row * left) / (noise_c * np.sqrt(np.bincount(piece, np.square(row))))
-    leaves = np.maximum(-turns - LEAVES_NOISES, 0.0) / LEAVES_NOISES
-    near = 1 / (1 + np.square(left / (3 * noise_c)))
+    row = np.arange(len(residuals)) - np.concatenate(([0], np.cumsum(count)[:-1]))[piece] - 0.5 * (count[piece] - 1)
+    slopes = np.bincount(piece, row * residuals) / (noise_c * np.sqrt(np.bincount(piece, np.square(row))))
+    leaves = np.maximum(-slopes - LEAVES_NOISES, 0.0) / LEAVES_NOISES
+    near = 1 / (1 + np.square(residuals / (3 * noise_c)))
     return np.asarray(np.where(sure, 1.0, near / (1 + np.square(leaves))[piece]), dtype=np.float64)
 
 
-def _as_balance(fitted: Floats, covariance: Floats, fits: float) -> _Fit:
-    """Of what explains the temperature, the four of the heat balance: capacity, loss, second and lag."""
+def _as_balance(fitted: Floats, covariance: Floats, rows_explained: float) -> _Fit:
+    """Return the four parameters of the heat balance from those that explain the temperature."""
     inverse, loss, late, second = fitted.tolist()
     inverse = max(inverse, 1e-3)
     turn = np.array([[-1, 0, 0, 0], [-loss, inverse, 0, 0], [-second, 0, 0, inverse], [-late, 0, inverse, 0]]) / inverse**2
     values = np.array([1.0, loss, max(second, 0.0), late]) / inverse
-    return _Fit(values, turn @ covariance @ turn.T, fits)
+    return _Fit(values, turn @ covariance @ turn.T, rows_explained)
 
 
-def _pieces_of(parts: Sequence[_Part], rest: Flags, known: Flags) -> tuple[Floats, Floats, NDArray[np.int64], Flags]:
-    """Terms, reading and number of the piece of each row at rest, in pieces of at most `PIECE_S`."""
-    period = parts[0].readied.stretch.period_s
+def _rest_pieces(parts: Sequence[_BalancedStretch], rest: Flags, known: Flags) -> tuple[Floats, Floats, NDArray[np.int64], Flags]:
+    """Return terms, temperature, piece number and known rest of each row at rest, in pieces of up to `PIECE_S`."""
+    period = parts[0].stretch.period_s
     longest = max(round(PIECE_S / period), LEAST_PIECE)
-    begins = np.cumsum([0, *(len(one.readied.stretch) for one in parts)])
+    begins = np.cumsum([0, *(len(one.stretch) for one in parts)])
     new = np.zeros(begins[-1], dtype=np.bool_)
     new[begins[:-1]] = True
     new |= rest & ~np.concatenate(([False], rest[:-1]))
     since = np.arange(len(new)) - np.maximum.accumulate(np.where(new, np.arange(len(new)), 0))
     number = np.cumsum(new | (since % longest == 0))[rest]
     terms = np.concatenate(
-        [np.stack([one.power_sum, -one.above_sum, one.readied.stretch.power, -one.balance.warming], axis=1) for one in parts]
+        [np.stack([one.power_sum, -one.above_sum, one.stretch.power, -one.balance.warming], axis=1) for one in parts]
     )[rest]
-    read = np.concatenate([one.readied.stretch.temperature for one in parts])[rest]
+    temperature = np.concatenate([one.stretch.temperature for one in parts])[rest]
     _, place, count = np.unique(number, return_inverse=True, return_counts=True)
     enough = count[place] >= LEAST_PIECE
-    return terms[enough], read[enough], np.unique(place[enough], return_inverse=True)[1], known[rest][enough]
+    return terms[enough], temperature[enough], np.unique(place[enough], return_inverse=True)[1], known[rest][enough]
 
 
 def _centred(values: Floats, piece: NDArray[np.int64], weight: Floats) -> Floats:
-    """Less their weighted mean in each piece."""
+    """Return the values less their weighted mean in each piece."""
     total = np.bincount(piece, weight)
     if values.ndim == 1:
         return np.asarray(values - (np.bincount(piece, weight * values) / total)[piece], dtype=np.float64)
     return np.stack([_centred(column, piece, weight) for column in values.T], axis=1)
 
 
-def _seen_noise(parts: Sequence[_Part], usable: Flags, values: Floats, read: _Reading) -> Noise:
-    """The noise as that of the readings explains it, or as the flow below zero shows it where that is more.
+def _observed_noise(parts: Sequence[_BalancedStretch], usable: Flags, values: Floats, reading: _ReadingNoise) -> Noise:
+    """Return the noise that the readings explain, or that the flow below zero shows if that is more; contact only adds to the flow.
 
-    Contact only ever adds to the flow. It is smoothed as little as keeps the noise below `QUIET_PERMILLE`.
+    The flow is smoothed as little as keeps its noise below `QUIET_PERMILLE`.
     """
-    period = parts[0].readied.stretch.period_s
-    seen = None
-    for expected in noises(period, values, read.celsius, read.permille):
-        flow = np.concatenate([_flow(one, values, expected.smooth_s) for one in parts])[usable]
+    period = parts[0].stretch.period_s
+    noise = None
+    for level in noise_levels(period, values, reading.celsius, reading.permille):
+        flow = np.concatenate([_flow(one, values, level.smooth_s) for one in parts])[usable]
         below = -flow[flow < 0]
-        times = MEDIAN_TO_SD * float(np.median(below)) / expected.flow if len(below) >= LEAST_REST_ROWS else 1.0
-        times = min(max(times, 1.0), MOST_TIMES)
-        seen = expected.times(times)
-        if seen.flow <= QUIET_PERMILLE:
+        times = MEDIAN_TO_SD * float(np.median(below)) / level.flow if len(below) >= LEAST_REST_ROWS else 1.0
+        times = min(max(times, 1.0), MOST_NOISE_FACTOR)
+        noise = level.times(times)
+        if noise.flow <= QUIET_PERMILLE:
             break
-    assert seen is not None
-    return seen
+    assert noise is not None
+    return noise
 
 
-def _without_capacity(parts: Sequence[_Part], rest: Flags, values: Floats, read: _Reading) -> Identified:
-    """Of a tip that hardly warmed or cooled without contact: a model only if all usual capacities find as many draws."""
-    period = parts[0].readied.stretch.period_s
-    power, above = (
-        np.concatenate(some)[rest] for some in zip(*((one.balance.power, one.balance.terms[:, 1]) for one in parts), strict=True)
-    )
-    loss = float(np.median(power / np.maximum(above, 1.0)))
-    several = [np.array([capacity, loss, 0.0, 0.0]) for capacity in TRIED]
-    found = [
-        sum(len(find_spans(Flow(one.readied.stretch, _flow(one, tried, noise.smooth_s)), noise)) for one in parts)
-        for tried, noise in ((tried, _noise(period, tried, read)) for tried in several)
-    ]
-    if max(found) - min(found) > AGREE_SHARE * max(found):
-        return Identified(None, "The tip was never seen warming or cooling without contact: its heat capacity is not known.")
-    noise = _noise(period, several[1], read)
+def _model_without_capacity(parts: Sequence[_BalancedStretch], rest: Flags, reading: _ReadingNoise) -> Identification:
+    """Return a model of unknown capacity if all usual capacities find as many contacts."""
+    period = parts[0].stretch.period_s
+    power = np.concatenate([one.balance.power for one in parts])[rest]
+    above_air = np.concatenate([one.balance.terms[:, 1] for one in parts])[rest]
+    loss = float(np.median(power / np.maximum(above_air, 1.0)))
+    candidates = [np.array([capacity, loss, 0.0, 0.0]) for capacity in USUAL_CAPACITIES]
+    counts = [_count_contacts(parts, values, _noise(period, values, reading)) for values in candidates]
+    if max(counts) - min(counts) > AGREE_SHARE * max(counts):
+        return Identification(None, "The tip was never seen warming or cooling without contact: its heat capacity is not known.")
+    noise = _noise(period, candidates[1], reading)
     unsure = (USUAL_CAPACITY, 0.1 * loss, 0.0, 0.0)
-    return Identified(ThermalModel(USUAL_CAPACITY, loss, 0.0, 0.0, unsure, noise, read.celsius, float(rest.sum()) * period))
+    return Identification(ThermalModel(USUAL_CAPACITY, loss, 0.0, 0.0, unsure, noise, reading.celsius, float(rest.sum()) * period))
 
 
-def _judged(parts: Sequence[_Part], rest: Flags, fit: _Fit, noise: Noise, read: _Reading) -> Identified:
-    """The model with its uncertainties, where it is plausible."""
-    rest_s = float(rest.sum()) * parts[0].readied.stretch.period_s
+def _count_contacts(parts: Sequence[_BalancedStretch], values: Floats, noise: Noise) -> int:
+    return sum(len(find_contacts(Flow(one.stretch, _flow(one, values, noise.smooth_s)), noise)) for one in parts)
+
+
+def _plausible_model(
+    parts: Sequence[_BalancedStretch], rest: Flags, fit: _Fit, noise: Noise, reading: _ReadingNoise
+) -> Identification:
+    """Return the model with its uncertainties, if it is plausible."""
+    rest_s = float(rest.sum()) * parts[0].stretch.period_s
     if rest.sum() < LEAST_REST_ROWS or rest_s < LEAST_REST_S:
         took = f"{LEAST_REST_S:g} s and {LEAST_REST_ROWS} readings"
         why = f"Only {rest_s:.1f} s ({rest.sum()} readings) are without contact; the tip's heat balance takes {took}."
-        return Identified(None, why)
+        return Identification(None, why)
     capacity, loss, second, lag = fit.values.tolist()
     unsure = np.sqrt(np.diag(fit.covariance)).tolist()
     if unsure[0] > MOST_UNSURE * capacity:
-        return _without_capacity(parts, rest, fit.values, read)
-    model = ThermalModel(capacity, loss, second, lag, (unsure[0], unsure[1], unsure[2], unsure[3]), noise, read.celsius, rest_s)
-    flow = np.concatenate([_flow(one, fit.values, noise.smooth_s)[one.readied.ready] for one in parts])
-    return Identified(model, _implausible(model, flow))
+        return _model_without_capacity(parts, rest, reading)
+    model = ThermalModel(capacity, loss, second, lag, (unsure[0], unsure[1], unsure[2], unsure[3]), noise, reading.celsius, rest_s)
+    flow = np.concatenate([_flow(one, fit.values, noise.smooth_s)[one.ready] for one in parts])
+    return Identification(model, _implausible(model, flow))
 
 
 def _implausible(model: ThermalModel, flow: Floats) -> str | None:
-    """Why the fit cannot be believed; None where it can."""
+    """Return why the fit is not plausible, or None."""
     for name, value, unit, (low, high) in (
         ("heat capacity", model.capacity, "‰·s/K", CAPACITY_RANGE),
         ("heat loss", model.loss, "‰/K", LOSS_RANGE),

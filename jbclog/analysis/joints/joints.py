@@ -1,14 +1,14 @@
-"""Joints of a port, found without labels from the heat that leaves the tip.
+"""Find the joints of a port, without labels, from the heat that leaves the tip.
 
-Definition. *A joint* is a draw of heat of at least `least_dwell_s`: from the moment the tip touches something that takes heat
-until it leaves it (`draws`); contacts less than `merge_gap_s` apart are one, a continuous drag is one. Whether there was
-solder cannot be known from power and temperature: a wipe over a sponge or a touch without solder that lasts as long is a
-draw, too. A draw shorter than `SURE_DWELL_S`, or that takes less than `SURE_HEAT` ‰·s or never `SURE_PEAK` ‰, is counted with
-its kind not known. Nothing here says that a joint is good.
+A *joint* is a heat draw of at least `least_dwell_s`: from the moment the tip touches something that takes heat until it leaves it
+(`contacts`, `draws`). Contacts less than `merge_gap_s` apart are one draw, and so is a continuous drag. Power and temperature do
+not show whether there was solder: a wipe over a sponge, or a touch without solder, that lasts as long is a draw too. A draw shorter
+than `SURE_DWELL_S`, of less than `SURE_HEAT` ‰·s, or that never reaches `SURE_PEAK` ‰ counts as a joint whose kind is not known. A
+joint found is no statement about its quality.
 
-A feeder is a second witness (`feeding`). Where the joints found hang on the assumptions, their number is not known (`doubt`), and
-the joints are provisional. Joints are not known where the tip's thermal model is not (`identify`); then the
-reason is said, and no joints found is never told as none.
+A feeder is independent evidence (`feeding`). Joints are not known where the tip's thermal model is not (`identify`); the result
+then has the reason and is never "no joints". Where the joints found depend on the assumptions, their number is not known (`doubt`)
+and the joints are provisional. See docs/explanation/joints.md.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from jbclog.analysis.joints.contacts import Flow, flows
+from jbclog.analysis.joints.contacts import Flow, flow_into_work
 from jbclog.analysis.joints.doubt import Doubt, doubt_of, why_not_known
-from jbclog.analysis.joints.draws import Draw, draws_of, is_joint
-from jbclog.analysis.joints.feeding import Witnessed, witnessed
-from jbclog.analysis.joints.heat_up_end import readied
+from jbclog.analysis.joints.draws import Draw, find_draws, is_joint
+from jbclog.analysis.joints.feeding import FeederEvidence, feeder_evidence
+from jbclog.analysis.joints.heat_up_end import ready_stretches
 from jbclog.analysis.joints.identify import identify_each
 from jbclog.analysis.joints.levels import resting_levels
-from jbclog.analysis.joints.parameters import Asked, Taken, regular_every_s, taken
+from jbclog.analysis.joints.parameters import JointOptions, JointSettings, regular_every_s, settings_for
 from jbclog.analysis.joints.recovery import Joint, joints_of
 from jbclog.analysis.joints.series import Series, stretches, unseen
 from jbclog.analysis.joints.thermal import ThermalModel
@@ -33,23 +33,26 @@ NEVER_READ = "Temperature and power of a working tool were never read together."
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """What came of looking for joints in a port.
+class FoundJoints:
+    """The joints of a port, and what is not known of them.
 
-    `others` are draws that are none: too short, or without a feed where wire decides. `why`: joints are not known, or only some.
-    `heat_why`: the same of heat as a witness; where wire decides, the feeder alone tells of those joints, and `why` is None.
-    `by_heat` are the draws that are joints without the feeder's help; `number_why` says why their number is not known, and `doubt`
-    how far it hangs on the assumptions.
-    `levels` are the temperatures in °C at which the tip rests, by setpoint. `models` has one for each tool. `unseen_s`: for how
-    long the tool may have worked and nothing could be looked at, in `unseen` pieces; joints in these are not known.
+    `others` are draws that are no joints: too short, or without a feed where the feeder decides. `models` has one model for each
+    tool. `levels` maps each setpoint to the temperature at which the tip rests, both in °C. `settings` are the ones used.
+
+    `why` is the reason why joints are not known, or only some of them. `heat_why` is the same for the heat balance alone; where the
+    feeder decides, `heat_why` may be set and `why` None. `by_heat` are the draws that are joints without the feeder's help;
+    `number_why` is the reason why their number is not known, and `doubt` how much it depends on the assumptions.
+
+    `unseen_s` is how long the tool may have worked while nothing could be analysed, in `unseen` pieces; joints in these are not
+    known.
     """
 
     joints: list[Joint]
     others: list[Draw]
     models: list[ThermalModel]
     levels: dict[float, float]
-    asked: Taken
-    witnessed: Witnessed | None = None
+    settings: JointSettings
+    feeder: FeederEvidence | None = None
     why: str | None = None
     unseen_s: float = 0.0
     unseen: int = 0
@@ -60,40 +63,44 @@ class Found:
 
     @property
     def model(self) -> ThermalModel | None:
-        """The tip's model, where there was one tool."""
+        """The tip's model, if there was exactly one tool."""
         return self.models[0] if len(self.models) == 1 else None
 
     @property
     def by_wire(self) -> bool:
-        return self.asked.wire_decides
+        """Whether the feeder decides what is a joint."""
+        return self.settings.wire_decides
 
 
-def find_joints(series: Series, asked: Asked | None = None) -> Found:
-    """The joints of a port, in order, with what each did to the tip."""
-    asked = asked or Asked()
-    settings = taken(asked, series.period_s, False)
+def find_joints(series: Series, options: JointOptions | None = None) -> FoundJoints:
+    """Return the joints of a port in order of time, each with what it did to the tip.
+
+    `options` are those of the recipe; what it leaves open comes from the run.
+    """
+    options = options or JointOptions()
+    settings = settings_for(options, series.period_s, False)
     found = stretches(series)
-    parts, lost = readied(found), unseen(series, found)
+    parts, unseen_time = ready_stretches(found), unseen(series, found)
     by_exchange = by_tool(series, parts)
     each, why = identify_each(by_exchange) if parts else ([], NEVER_READ)
     tools = [Tool(pieces, model) for pieces, model in zip(by_exchange, each, strict=True) if model is not None]
-    looked, models = _looked(tools)
-    every = [draw for flow, model in zip(looked, models, strict=True) for draw in draws_of(flow, model, settings)]
-    seen = witnessed(series, every, looked, asked.wire_decides)
-    settings = taken(asked, series.period_s, seen is not None and seen.decides)
-    draws, others = sort_draws(every if seen is None else seen.draws, settings)
-    others = sorted([*others, *(() if seen is None else seen.others)], key=lambda draw: draw.start_s)
-    levels = resting_levels(looked, every)
+    flows, models = _flows_by_time(tools)
+    every = [draw for flow, model in zip(flows, models, strict=True) for draw in find_draws(flow, model, settings)]
+    feeder = feeder_evidence(series, every, flows, options.wire_decides)
+    settings = settings_for(options, series.period_s, feeder is not None and feeder.decides)
+    draws, others = sort_draws(every if feeder is None else feeder.draws, settings)
+    others = sorted([*others, *(() if feeder is None else feeder.others)], key=lambda draw: draw.start_s)
+    levels = resting_levels(flows, every)
     joints = joints_of(series, draws, [*draws, *others], levels, settings.recovered_within_c)
     by_heat, _ = sort_draws(every, settings)
     doubt = doubt_of(tools, settings) if tools else None
     heat = ByHeat(list(dict.fromkeys(models)), why, by_heat, doubt)
-    return concluded(joints, others, levels, settings, heat, lost, series.period_s, seen)
+    return concluded(joints, others, levels, settings, heat, unseen_time, series.period_s, feeder)
 
 
 @dataclass(frozen=True, slots=True)
 class ByHeat:
-    """What the heat balance shows by itself: the models of the tools, or why there is none; its joints; and their doubt."""
+    """Results of the heat balance alone: the models of the tools or the reason why there is none, the joints, and their doubt."""
 
     models: list[ThermalModel]
     why: str | None
@@ -105,23 +112,26 @@ def concluded(
     joints: list[Joint],
     others: list[Draw],
     levels: dict[float, float],
-    settings: Taken,
+    settings: JointSettings,
     heat: ByHeat,
-    lost: tuple[float, int],
+    unseen_time: tuple[float, int],
     period_s: float,
-    seen: Witnessed | None = None,
-) -> Found:
-    """Return the joints of a port with what is not known of them; `lost` is what `series.unseen` returns."""
+    feeder: FeederEvidence | None = None,
+) -> FoundJoints:
+    """Return the joints of a port with what is not known of them.
+
+    `unseen_time` is what `series.unseen` returns, and `period_s` the sampling period.
+    """
     number_why = None if heat.doubt is None else why_not_known(heat.doubt, len(heat.draws), period_s)
-    return Found(
+    return FoundJoints(
         joints,
         others,
         heat.models,
         levels,
         replace(settings, every_s=regular_every_s([joint.start_s for joint in joints])),
-        seen,
+        feeder,
         None if settings.wire_decides else heat.why or number_why,
-        *lost,
+        *unseen_time,
         heat.why,
         heat.draws,
         number_why,
@@ -129,16 +139,16 @@ def concluded(
     )
 
 
-def _looked(tools: Sequence[Tool]) -> tuple[list[Flow], list[ThermalModel]]:
-    """The flow of each stretch whose tool is known, with its model."""
-    looked = [flows(part.stretch, tool.model, part.ready) for tool in tools for part in tool.parts]
+def _flows_by_time(tools: Sequence[Tool]) -> tuple[list[Flow], list[ThermalModel]]:
+    """Return the flow of each stretch whose tool has a model, in order of time, and these models."""
+    flows = [flow_into_work(part.stretch, tool.model, part.ready) for tool in tools for part in tool.parts]
     models = [tool.model for tool in tools for _ in tool.parts]
-    order = sorted(range(len(looked)), key=lambda number: float(looked[number].stretch.seconds[0]))
-    return [looked[number] for number in order], [models[number] for number in order]
+    order = sorted(range(len(flows)), key=lambda number: float(flows[number].stretch.seconds[0]))
+    return [flows[number] for number in order], [models[number] for number in order]
 
 
-def sort_draws(draws: Sequence[Draw], settings: Taken) -> tuple[list[Draw], list[Draw]]:
-    """The draws that are joints, and the others."""
+def sort_draws(draws: Sequence[Draw], settings: JointSettings) -> tuple[list[Draw], list[Draw]]:
+    """Return the draws that are joints, and the others."""
     joints: list[Draw] = []
     others: list[Draw] = []
     for draw in draws:

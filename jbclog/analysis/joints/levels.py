@@ -1,8 +1,8 @@
-"""At which temperature a tip rests at each setpoint.
+"""The temperature at which a tip rests at each setpoint.
 
-A reading is at rest where no draw was for `CALM_S` before it and the tip has moved no more than `CALM_K` in that time. The
-level is the median of these readings at a setpoint. Where there are less than `LEAST_S` of them the tip was never seen at
-rest there, and there is no level. How far a level lies from its setpoint is the idle error's business.
+A reading is *at rest* if no draw was in the `CALM_S` before it and the tip has moved no more than `CALM_K` in that time. The level
+is the median of these readings at a setpoint. With less than `LEAST_S` of them there is no level. The idle error
+(`metrics/idling.py`) measures how far a level lies from its setpoint.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ DECIMALS: Final = 3
 
 
 class Levels:
-    """Counts the readings at rest by setpoint and temperature: a table that does not grow with the record."""
+    """Counts of the readings at rest by setpoint and temperature, in memory that does not grow with the record."""
 
     def __init__(self) -> None:
         self._counts: dict[float, Counter[float]] = defaultdict(Counter)
 
     def add(self, part: Flow, rest: Flags) -> None:
-        """The readings of a stretch that are at rest."""
+        """Count the readings of a stretch that are at rest."""
         stretch = part.stretch
         rest = rest & ~np.isnan(stretch.setting)
         for setpoint in np.unique(stretch.setting[rest]).tolist():
@@ -40,11 +40,12 @@ class Levels:
             self._counts[setpoint].update(dict(zip(values.tolist(), counts.tolist(), strict=True)))
 
     def levels(self, period_s: float) -> dict[float, float]:
-        """Setpoint -> level, °C; only the setpoints at which the tip was seen at rest."""
+        """Return the level in °C for each setpoint at which the tip was at rest."""
         return {setpoint: _median(some) for setpoint, some in sorted(self._counts.items()) if some.total() * period_s >= LEAST_S}
 
 
 def _median(counts: Counter[float]) -> float:
+    """Return the median of counted values."""
     values = sorted(counts)
     behind = list(accumulate(counts[value] for value in values))
     below, above = (bisect_right(behind, place) for place in ((behind[-1] - 1) // 2, behind[-1] // 2))
@@ -52,7 +53,7 @@ def _median(counts: Counter[float]) -> float:
 
 
 def resting_levels(parts: Sequence[Flow], draws: Sequence[Draw]) -> dict[float, float]:
-    """The levels of a port that is looked at as a whole."""
+    """Return the levels of a port whose rows are all in memory."""
     levels = Levels()
     for part in parts:
         levels.add(part, resting(part, draws))
@@ -60,7 +61,7 @@ def resting_levels(parts: Sequence[Flow], draws: Sequence[Draw]) -> dict[float, 
 
 
 def resting(part: Flow, draws: Sequence[Draw]) -> Flags:
-    """Which readings of a stretch are at rest; `draws` in their order."""
+    """Return which readings of a stretch are at rest; `draws` are in order of time."""
     starts, ends = (np.array([getattr(draw, name) for draw in draws]) for name in ("start_s", "end_s"))
     stretch, back = part.stretch, max(round(CALM_S / part.stretch.period_s), 1)
     rest = np.zeros(len(stretch), dtype=np.bool_)

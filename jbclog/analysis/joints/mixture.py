@@ -1,11 +1,10 @@
-"""First estimates of a tip's thermal model from a record of which nobody says where the tip touched something.
+"""First estimates of a tip's thermal model, from a record that does not show where the tip touched something.
 
-Each row is either rest, where the heat balance leaves no more than noise, or contact, where any amount of heat may leave and
-none may come back: a mixture of a regression and a flat distribution (DeSarbo and Cron, Journal of Classification 5, 1988),
-found by expectation and maximisation from a grid of starts. What is nearly as likely is told, too: the likeliest is not
-always the one that stands (`identify`). The noise of rest is bounded by what the noise of the temperature
-explains; without that bound dense contacts are taken for noise. Rows of a heat-up, in which nothing is soldered, are known
-rest.
+Each row is either rest, where the heat balance leaves only noise, or contact, where any amount of heat may leave and none comes
+back: a mixture of a regression and a flat distribution (DeSarbo and Cron, Journal of Classification 5, 1988), found by expectation
+maximisation from a grid of starts. Estimates that are nearly as likely are returned too, because the most likely one is not always
+the one that `identify` takes. The noise of rest is limited to what the noise of the temperature explains; without that limit dense
+contacts pass for noise. Rows of a heat-up, in which nothing is soldered, are known rest.
 """
 
 from __future__ import annotations
@@ -23,11 +22,11 @@ from jbclog.analysis.verdict.idle import Flags, Floats
 CAPACITIES: Final = np.geomspace(4.0, 45.0, 14)  # ‰·s/K; a tip of 1.2 J/K at 130 W has 9
 LOSSES: Final = np.geomspace(0.06, 1.6, 10)  # ‰/K; 100 ‰ at 350 °C are 0.3
 USUAL: Final = np.array([0.0, 0.35, 0.0, 0.02])
-STIFF: Final = np.diag([1e-4, 1e4, 2e8, 2e8])  # second and lag stay near nothing here: left free they explain contacts
+STIFF: Final = np.diag([1e-4, 1e4, 2e8, 2e8])  # keeps second and lag near zero; left free they explain contacts
 FLAT_PERMILLE: Final = 1500.0  # the width of the flat distribution of heat that leaves
-BACKWARD_PERMILLE: Final = 40_000.0  # and of heat that comes back, which does not happen
-DOUBT: Final = 0.02  # that a row of a heat-up is no rest after all
-NOISE_ROOM: Final = 1.3  # times what the temperature's noise explains
+BACKWARD_PERMILLE: Final = 40_000.0  # and of heat that comes back, which is almost impossible
+DOUBT: Final = 0.02  # that a row of a heat-up is not rest
+NOISE_MARGIN: Final = 1.3  # factor on what the noise of the temperature explains
 MOST_ROWS: Final = 4000
 STARTS, FINALISTS = 8, 4
 LEAST_SIGNAL: Final = 0.1  # of the moments, whatever the noise
@@ -45,7 +44,7 @@ REFERENCE_NOISE: Final = 20.0
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Rows of the heat balance: power, terms, which are known rest, and the covariance of the terms' noise."""
+    """Rows of the heat balance: power, terms, whether each is known rest, and the covariance of the terms' noise."""
 
     power: Floats
     terms: Floats
@@ -54,7 +53,7 @@ class Rows:
 
     @property
     def warming_noise(self) -> float:
-        """The variance of the noise of the warming, (K/s)²."""
+        """The variance of the noise of the warming rate, (K/s)²."""
         return float(self.term_noise[0, 0])
 
     def take(self, rows: NDArray[np.int64] | Flags) -> Rows:
@@ -63,17 +62,19 @@ class Rows:
 
 @dataclass(frozen=True, slots=True)
 class _State:
+    """Parameters, the share of rest, and the mean log-likelihood."""
+
     values: Floats
     share: float
     likelihood: float
 
 
 def first_estimates(rows: Rows) -> list[Floats]:
-    """The four parameters that make the rows most likely, and others that nearly do; the likeliest first."""
-    some = _some(rows)
-    begun = [_maximised(some, _State(start, 0.4, 0.0), 6, 1.5) for start in _starts(some)]
-    begun.sort(key=lambda state: -state.likelihood)
-    ended = [_maximised(some, state, 25, 1.0) for state in begun[:FINALISTS]]
+    """Return the parameters that make the rows most likely, and others that are nearly as likely; the most likely first."""
+    sample = _sampled(rows)
+    started = [_maximise(sample, _State(start, 0.4, 0.0), 6, 1.5) for start in _starts(sample)]
+    started.sort(key=lambda state: -state.likelihood)
+    ended = [_maximise(sample, state, 25, 1.0) for state in started[:FINALISTS]]
     ended.sort(key=lambda state: -state.likelihood)
     chosen: list[Floats] = []
     for state in ended:
@@ -82,15 +83,15 @@ def first_estimates(rows: Rows) -> list[Floats]:
     return chosen
 
 
-def _some(rows: Rows) -> Rows:
-    """No more than `MOST_ROWS`, evenly taken."""
+def _sampled(rows: Rows) -> Rows:
+    """Return at most `MOST_ROWS` rows, evenly spread."""
     if len(rows.power) <= MOST_ROWS:
         return rows
     return rows.take(np.linspace(0, len(rows.power) - 1, MOST_ROWS).astype(np.int64))
 
 
 def _starts(rows: Rows) -> list[Floats]:
-    """The likeliest of the grid that are no neighbours."""
+    """Return the most likely points of the grid that are not neighbours."""
     every = [np.array([capacity, loss, 0.0, 0.0]) for capacity in CAPACITIES for loss in LOSSES]
     every.sort(key=lambda values: -_likelihood(rows, values, 0.4, 2.0)[1])
     chosen: list[Floats] = []
@@ -101,17 +102,19 @@ def _starts(rows: Rows) -> list[Floats]:
 
 
 def _is_apart(one: Floats, other: Floats) -> bool:
+    """Return whether two estimates differ clearly in capacity or loss."""
     one, other = np.maximum(one, 1e-3), np.maximum(other, 1e-3)
     return bool(abs(np.log(one[0] / other[0])) > 0.25 or abs(np.log(one[1] / other[1])) > 0.4)
 
 
 def _likelihood(rows: Rows, values: Floats, share: float, wider: float) -> tuple[Floats, float]:
-    """The probability of each row to be rest, and the mean logarithm of their likelihood.
+    """Return the probability of each row to be rest, and the mean log-likelihood of the rows.
 
-    The density of rest has the same height for all values: else a capacity of nothing, which leaves no noise, were the likeliest.
+    The density of rest has the same height for all values; otherwise a capacity of zero, which leaves no noise, would be the most
+    likely.
     """
     left = rows.power - rows.terms @ values
-    noise = wider * NOISE_ROOM * float(np.hypot(np.sqrt(values @ rows.term_noise @ values), POWER_NOISE_PERMILLE))
+    noise = wider * NOISE_MARGIN * float(np.hypot(np.sqrt(values @ rows.term_noise @ values), POWER_NOISE_PERMILLE))
     rest = np.exp(-0.5 * np.square(left / noise)) / (REFERENCE_NOISE * np.sqrt(2 * np.pi))
     contact = np.where(left > 0, 1 / FLAT_PERMILLE, 1 / BACKWARD_PERMILLE)
     of_rest = np.where(rows.is_rest, 1 - DOUBT, share) * rest
@@ -119,7 +122,8 @@ def _likelihood(rows: Rows, values: Floats, share: float, wider: float) -> tuple
     return of_rest / both, float(np.log(both).mean())
 
 
-def _maximised(rows: Rows, state: _State, rounds: int, wider: float) -> _State:
+def _maximise(rows: Rows, state: _State, rounds: int, wider: float) -> _State:
+    """Run so many rounds of expectation maximisation and return the state."""
     values, share = state.values, state.share
     open_rows = ~rows.is_rest
     for _ in range(rounds):
@@ -130,11 +134,11 @@ def _maximised(rows: Rows, state: _State, rounds: int, wider: float) -> _State:
 
 
 def weighted_fit(terms: Floats, power: Floats, weight: Floats, stiffness: Floats, noise: float) -> Floats:
-    """Least squares with a weak pull to the usual values, corrected for the noise of the warming, within what a tip can be.
+    """Return the weighted least squares solution with a weak pull to usual values, corrected for the noise of the warming rate.
 
-    Noise in a term pulls an ordinary fit towards zero, the more the less happens: at rest the capacity comes out as nothing. Its
-    variance is taken off the moment (W. A. Fuller, Measurement Error Models, 1987), but never more than leaves `LEAST_SIGNAL`.
-    Second mass and lag are left as they come out, smaller than they are: they are to spare the flow an error, not to be known.
+    Noise in a term pulls an ordinary fit towards zero, the more the less happens: at rest the capacity becomes zero. Its variance
+    is subtracted from the moment (W. A. Fuller, Measurement Error Models, 1987), but never so much that less than `LEAST_SIGNAL`
+    remains. Second mass and lag stay smaller than they are: they spare the flow an error and are not results.
     """
     weighted = terms * weight[:, None]
     moments = weighted.T @ terms + stiffness
@@ -143,7 +147,7 @@ def weighted_fit(terms: Floats, power: Floats, weight: Floats, stiffness: Floats
 
 
 def bounded_solution(moments: Floats, right: Floats, limits: Sequence[tuple[int, Limits]]) -> Floats:
-    """Return the least squares solution of the normal equations, with some parameters held within their limits.
+    """Return the least squares solution of the normal equations, with sample parameters held within their limits.
 
     The parameters in `limits` are checked in that order; one beyond its limits is set to the nearer of them, and the others are
     solved for again.

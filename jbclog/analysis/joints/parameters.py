@@ -1,4 +1,4 @@
-"""What a recipe may say of joints (`[joints]`), and what is taken where it says nothing, which a report shows."""
+"""Options of a recipe's `[joints]`, and the settings that joints are found with."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ LEARNT: Final = ("least_dwell_s", "merge_gap_s", "wire_decides")
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """None: learnt from the run. `expected_every_s` is a prior for telling two contacts apart; it never makes a joint."""
+class JointOptions:
+    """The options of a recipe; None: from the run. `expected_every_s` helps to separate two contacts and never makes a joint."""
 
     least_dwell_s: float | None = None
     merge_gap_s: float | None = None
@@ -27,22 +27,22 @@ class Asked:
     wire_decides: bool | None = None
 
 
-def asked_of(table: Mapping[str, object]) -> Asked:
-    """What a recipe's `[joints]` asks for; what is no number where one is due is not asked for."""
+def options_of(table: Mapping[str, object]) -> JointOptions:
+    """Return the options in a recipe's `[joints]`; a value of the wrong type counts as missing."""
     numbers = {
         name: float(value)
         for name in ("least_dwell_s", "merge_gap_s", "expected_every_s", "recovered_within_c")
         if isinstance(value := table.get(name), int | float) and not isinstance(value, bool)
     }
     decides = table.get("wire_decides")
-    return Asked(**numbers, wire_decides=decides if isinstance(decides, bool) else None)
+    return JointOptions(**numbers, wire_decides=decides if isinstance(decides, bool) else None)
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
-    """What joints of a run were found with. `learnt`: the keys of which the recipe says nothing and the run told the value.
+class JointSettings:
+    """The settings that joints of a run were found with. `learnt` has the keys that the recipe leaves open.
 
-    `every_s`: the regular time from one joint to the next, learnt from the joints found; it is shown, and finds none itself.
+    `every_s` is the regular time from one joint to the next, from the joints found; reports show it and it does not find joints.
     """
 
     least_dwell_s: float
@@ -54,24 +54,24 @@ class Taken:
     every_s: float | None = None
 
 
-def taken(asked: Asked, period_s: float, wire_decides: bool) -> Taken:
-    """The values asked for; else the shortest draw and gap that this sampling rate shows, and what the feeder's use tells."""
-    least, gap = asked.least_dwell_s, asked.merge_gap_s
-    return Taken(
+def settings_for(options: JointOptions, period_s: float, wire_decides: bool) -> JointSettings:
+    """Return the options; where open, the shortest draw and gap that this period shows, and whether the feeder decides."""
+    least, gap = options.least_dwell_s, options.merge_gap_s
+    return JointSettings(
         max(LEAST_DWELL_S, LEAST_DWELL_PERIODS * period_s) if least is None else least,
         max(MERGE_GAP_S, MERGE_GAP_PERIODS * period_s) if gap is None else gap,
-        asked.expected_every_s,
-        asked.recovered_within_c,
-        wire_decides if asked.wire_decides is None else asked.wire_decides and wire_decides,
-        tuple(name for name in LEARNT if getattr(asked, name) is None),
+        options.expected_every_s,
+        options.recovered_within_c,
+        wire_decides if options.wire_decides is None else options.wire_decides and wire_decides,
+        tuple(name for name in LEARNT if getattr(options, name) is None),
     )
 
 
 def regular_every_s(starts: Sequence[float]) -> float | None:
-    """The time from one joint's start to the next, where most of the times are alike; None where they are not, or are few."""
+    """Return the time in s from one joint's start to the next if most of the times are alike; None if not, or if they are few."""
     times = [after - before for before, after in pairwise(starts)]
     if len(times) < LEAST_TIMES:
         return None
     usual = median(times)
-    alike = sum(abs(one - usual) <= REGULAR_WITHIN * usual for one in times)
-    return usual if alike >= REGULAR_SHARE * len(times) else None
+    regular = sum(abs(one - usual) <= REGULAR_WITHIN * usual for one in times)
+    return usual if regular >= REGULAR_SHARE * len(times) else None

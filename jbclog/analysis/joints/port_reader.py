@@ -1,7 +1,7 @@
-"""The rows of ports from the row groups of a run's samples: of many ports at once, each group split once among them.
+"""The rows of ports, read from the row groups of a run's samples for many ports at once.
 
-What fits into memory is read once and kept; else each sweep reads the row groups anew, and of each port no more than a window is in
-memory. The verdict's joints, the metrics, the table of joints and the live count go through a run this way.
+A run that fits into memory is read once and kept; otherwise each sweep reads the row groups anew and memory holds one window of
+each port. The verdict's joints, the metrics, the table of joints and the live count read a run this way.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ T = TypeVar("T")
 Key = tuple[str, int]
 """Station and port."""
 Groups = Callable[[list[str]], Iterable[pa.Table]]
-"""Reads these columns of the row groups of a run's samples, in their order, station and port among them."""
+"""Reads these columns of the row groups of a run's samples in order; station and port are among them."""
 MOST_ROWS: Final = 1_000_000  # at once in memory, some 100 MB
-MOST_PORTS: Final = 48  # looked at together in windows, some 3 MB each
+MOST_PORTS: Final = 48  # read together in windows, some 3 MB each
 TIMES: Final = ["time", "tick", "station", "port"]
 SAME_S: Final = 1e-6
 STEP_DECIMALS: Final = 12  # of a second: times since 1970 as floats are multiples of 0.24 µs, so there are few steps
 
 
 def at_once(some: Sequence[T], size: Callable[[T], int], most: int) -> Iterator[list[T]]:
-    """As many together as have no more than `most` of that size; one of them at the least."""
+    """Yield batches of at most this total size, with at least one element each."""
     held: list[T] = []
     for one in some:
         if held and sum(map(size, [*held, one])) > most:
@@ -50,14 +50,14 @@ def at_once(some: Sequence[T], size: Callable[[T], int], most: int) -> Iterator[
 
 
 class Sweeps(Protocol):
-    """What goes over the rows of a port several times, as `PortSweeps`."""
+    """What sweeps over the rows of a port several times, such as `PortSweeps`."""
 
     def next_sweep(self) -> Windows | None:
-        """What takes the rows next, None when there is nothing more to do; it is asked for again when they have ended."""
+        """Return what takes the rows next, None if there is nothing more to do; called again when the rows have ended."""
 
 
 class PortReader:
-    """The ports of stations, swept together. `steps` are those of the wall clock, `t0_us` is the run's zero."""
+    """The ports of stations, read together. `steps` are those of the wall clock, `t0_us` is the run's zero."""
 
     def __init__(self, stations: Sequence[StationFacts], groups: Groups, steps: Sequence[Step], t0_us: int, most_rows: int) -> None:
         self._facts: dict[Key, StationFacts] = {(facts.name, port): facts for facts in stations for port in facts.ports}
@@ -68,28 +68,28 @@ class PortReader:
         self._periods = self._read_periods()
 
     def clock(self, key: Key) -> Clock:
-        """The seconds of a port's rows, from the first on."""
+        """Return the clock that gives the seconds of a port's rows, from the first row on."""
         return Clock(self._facts[key].period_s, self._steps, self._t0_us)
 
     def period_s(self, key: Key) -> float:
-        """That of the grid, or the median distance of two rows."""
+        """Return the period of the grid in s, or the median distance of two rows."""
         return self._periods[key]
 
     def last_s(self, key: Key) -> float:
-        """When the last row of a port was read, after the first sweep."""
+        """Return when the last row of a port was read, in s; valid after the first sweep."""
         return self._last_s.get(key, 0.0)
 
     def rows(self, key: Key) -> int:
-        """How many rows a port has, after the first sweep."""
+        """Return the number of rows of a port; valid after the first sweep."""
         return (self._rows or {}).get(key, 0)
 
     def like(self, key: Key) -> Series:
-        """A port as its rows will tell of it, without any."""
+        """Return a series without rows, with everything else that the port's rows will have."""
         rows = SCHEMAS["samples"].empty_table().select(COLUMNS)
         return raw_series(self._facts[key], port_rows_of(rows, self.clock(key)), self._periods[key])
 
     def whole(self) -> dict[Key, tuple[Series, Counts]]:
-        """All rows of each port, and their UTC in microseconds, at once: for what cannot be looked at in windows."""
+        """Return all rows of each port at once, and their UTC in microseconds, for what needs the whole record."""
         clocks = {key: self.clock(key) for key in self._facts}
         pieces, times = {key: [self.like(key)] for key in self._facts}, {key: [np.empty(0, dtype=np.int64)] for key in self._facts}
         for group in self._groups(COLUMNS):
@@ -102,7 +102,7 @@ class PortReader:
         return replace(series, period_s=self._facts[key].period_s or nominal_period(series.seconds))
 
     def sweep(self, ports: Mapping[Key, Sweeps]) -> None:
-        """Show the rows of these ports as often as each of them wants to see them."""
+        """Show the rows of these ports as often as each of them needs."""
         while taking := {key: windows for key, port in ports.items() if (windows := port.next_sweep()) is not None}:
             for key, piece in self._pieces():
                 if key in taking:
@@ -111,7 +111,7 @@ class PortReader:
                 windows.end()
 
     def utc_us(self, moments: Mapping[Key, Sequence[float]]) -> dict[Key, dict[float, int]]:
-        """The times, UTC microseconds, of the rows at these moments or next behind them; of the last row where there is none."""
+        """Return the UTC in microseconds of the rows at these moments or next after them; of the last row if there is none."""
         wanted = {key: np.unique(some) for key, some in moments.items() if len(some)}
         found: dict[Key, dict[float, int]] = {key: {} for key in moments}
         last: dict[Key, int] = {}
@@ -127,7 +127,7 @@ class PortReader:
         return found
 
     def _read_periods(self) -> dict[Key, float]:
-        """The period of each port; where there is no grid, after a look at when the rows were read."""
+        """Return the period of each port; without a grid, from the times of its rows."""
         periods = {key: facts.period_s or 0.0 for key, facts in self._facts.items()}
         steps = {key: Values(STEP_DECIMALS) for key, period in periods.items() if not period}
         last: dict[Key, Floats] = {}
@@ -138,7 +138,7 @@ class PortReader:
         return {**periods, **{key: some.median if some.n else 0.0 for key, some in steps.items()}}
 
     def _times(self) -> Iterator[tuple[Key, Floats, Counts]]:
-        """The seconds of the rows of each port, and their UTC in microseconds."""
+        """Yield the seconds of the rows of each port, and their UTC in microseconds."""
         clocks = {key: self.clock(key) for key in self._facts}
         for group in self._groups(TIMES):
             for key, rows in self._split(group):
@@ -146,9 +146,9 @@ class PortReader:
                 yield key, clocks[key].seconds(floats(rows["tick"]), times), times
 
     def _pieces(self) -> Iterator[tuple[Key, Series]]:
-        """The rows of all ports, kept for the next sweep where there are no more than `most_rows`.
+        """Yield the rows of all ports; they are kept for the next sweep if there are at most `most_rows`.
 
-        Of a run that grows all sweeps have the rows of the first.
+        In a run that grows, all sweeps see the rows of the first one.
         """
         if self._kept is not None:
             yield from self._kept
@@ -170,23 +170,23 @@ class PortReader:
         self._rows, self._kept = rows, kept
 
     def _split(self, group: pa.Table) -> Iterator[tuple[Key, pa.Table]]:
-        """The rows of each port in a row group."""
+        """Yield the rows of each port in a row group."""
         for name in dict.fromkeys(name for name, _ in self._facts):
-            of_station = only(group, pc.equal(group["station"], name))
+            of_station = filtered(group, pc.equal(group["station"], name))
             if not of_station.num_rows:
                 continue
             for key in self._facts:
-                if key[0] == name and (rows := only(of_station, pc.equal(of_station["port"], key[1]))).num_rows:
+                if key[0] == name and (rows := filtered(of_station, pc.equal(of_station["port"], key[1]))).num_rows:
                     yield key, rows
 
 
-def only(rows: pa.Table, wanted: pa.ChunkedArray) -> pa.Table:
-    """The rows that are wanted; the same where all of them are."""
+def filtered(rows: pa.Table, wanted: pa.ChunkedArray) -> pa.Table:
+    """Return the rows that are wanted; the same table if all are."""
     return rows if pc.all(wanted).as_py() else rows.filter(wanted)
 
 
 def raw_series(facts: StationFacts, rows: PortRows, period_s: float) -> Series:
-    """As `series_of`, but whether the tool was in its place is left to whoever sees the rows beside these."""
+    """Return a series as `series_of` does, but leave open whether the tool was in its place: that needs the rows on both sides."""
     read = replace(rows, tool=np.full(len(rows.seconds), np.nan), port_error=np.full(len(rows.seconds), np.nan))
     series = series_of(facts, read, period_s=period_s)
     errors = rows.port_error if has_tip(facts) else read.port_error
@@ -194,7 +194,7 @@ def raw_series(facts: StationFacts, rows: PortRows, period_s: float) -> Series:
 
 
 def port_rows_of(rows: pa.Table, clock: Clock) -> PortRows:
-    """The rows of a port as arrays."""
+    """Return the rows of a port as arrays."""
     status, motor = rows["status"], rows["motor"]
     return PortRows(
         clock.seconds(floats(rows["tick"]), micros(rows)),
@@ -210,12 +210,12 @@ def port_rows_of(rows: pa.Table, clock: Clock) -> PortRows:
 
 
 def micros(rows: pa.Table) -> Counts:
-    """The times of these rows in UTC microseconds since 1970."""
+    """Return the times of these rows in UTC microseconds since 1970."""
     return np.asarray(rows["time"].cast(pa.int64()).to_numpy(), dtype=np.int64)
 
 
 def floats(column: pa.ChunkedArray) -> Floats:
-    """With NaN for what was not read."""
+    """Return the column as floats, NaN where nothing was read."""
     return np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
 
 

@@ -1,4 +1,4 @@
-"""From the columns of one port, as a record holds them, to its `Series`: the same for whoever reads them, and with what."""
+"""The columns of one port, as a record holds them, made into its `Series`; the same for every reader of a record."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ STATES_FAMILIES: Final = ("omega",)
 
 @dataclass(frozen=True, slots=True)
 class PortRows:
-    """The rows of one port in their order: s, °C, ‰, °C as read, and its state. NaN: not read.
+    """The rows of one port in order of time: s, °C, ‰, setpoint in °C as read, and its state. NaN: not read.
 
-    `working` tells that the tool works, `known` that its state was read; `feeding` is 1 where the feeder's motor pushed.
-    `tool` and `port_error` are codes.
+    `working`: the tool works. `known`: its state was read. `feeding`: 1 where the feeder's motor pushed. `tool` and `port_error`
+    are codes.
     """
 
     seconds: Floats
@@ -44,32 +44,32 @@ class PortRows:
 
 
 class Clock:
-    """Seconds of a port's rows, piece by piece in their order: on its grid, or UTC less the clock's steps where it has none."""
+    """Seconds of a port's rows, piece by piece in order: on its grid, or UTC less the clock's steps if it has none."""
 
     def __init__(self, period_s: float | None, steps: Sequence[Step], t0_us: int) -> None:
         self.period_s, self.steps, self.t0_us = period_s, steps, t0_us
         self._unstepped = Unstepped(steps)
 
     def seconds(self, ticks: Floats, utc_us: Counts) -> Floats:
-        """Of the next rows."""
+        """Return the seconds of the next rows."""
         if self.period_s:
             return ticks * self.period_s
         return self._unstepped.of(utc_us / 1e6) - self.t0_us / 1e6
 
     def of(self, utc_us: Counts) -> Floats:
-        """Of anything that has only a time (counters, settings): to the second, while the wall clock was not stepped."""
+        """Return the seconds of anything that has only a time (counters, settings), to 1 s unless the wall clock was stepped."""
         return np.asarray((utc_us - self.t0_us) / 1e6, dtype=np.float64)
 
 
 def kind_of(facts: StationFacts) -> str:
-    """What `measure_port` calls its tools: ``tip``, ``air`` or ``omega``."""
+    """Return what `measure_port` calls the station's tools: ``tip``, ``air`` or ``omega``."""
     if has_tip(facts):
         return "tip"
     return "omega" if facts.family in STATES_FAMILIES else "air"
 
 
 def cycles_of(counted_us: Counts, counted: Floats, rows_us: Counts, seconds: Floats) -> Cycles:
-    """The feeder's counted cycles, which have only a time in UTC, on the grid seconds of their port's rows."""
+    """Return the feeder's counts, which have only a time in UTC, in seconds on the grid of their port's rows."""
     if not len(seconds):
         return Cycles(np.empty(0), np.empty(0))
     rows_s, counted_s = np.maximum.accumulate(rows_us) / 1e6, counted_us / 1e6
@@ -85,7 +85,9 @@ def series_of(
     cycles: Cycles | None = None,
     period_s: float | None = None,
 ) -> Series:
-    """The port's rows with what is known of its station; `period_s`: of a port without a grid, where these are not all rows."""
+    """Return the port's rows with what is known of its station; `period_s` is that of a port without a grid, if not all rows are
+    here.
+    """
     errors = rows.port_error if has_tip(facts) else np.full(len(rows.seconds), np.nan)
     block = Block(rows.seconds, rows.temperature, rows.power, rows.setting, rows.working, rows.tool, errors)
     block = replace(block, working=block.working & block.in_place)

@@ -1,15 +1,15 @@
-"""What a joint does to the tip: how far below its level it begins, how low it falls, and whether it is back before the next one.
+"""What a joint does to the tip: how far below its level it begins, how low it falls, and whether it recovers before the next one.
 
-Definitions. The *level* is where the tip rests at this setpoint (`levels`), or the setpoint where no rest was seen. At the start
-of a joint the tip is `deficit_c` below its setpoint and `resting_below_c` below the level at which it rests. *Depth* is the
-temperature at the start minus the lowest from then until the tip is back.
+The *level* is the temperature at which the tip rests at this setpoint (`levels`), or the setpoint if it was never at rest. At the
+start of a joint the tip is `deficit_c` below its setpoint and `resting_below_c` below its level. *Depth* is the temperature at the
+start minus the lowest until the tip is back.
 
 The tip is *back* at the first moment after its lowest at which it is no more than the band (`recovered_within_c`) below the level,
-and stays so for `BACK_FOR_S`; it is back at once where it never left the band. *Recovery* is the time from the joint's start until
-then. A joint that is followed by the next draw of heat before that is *not recovered*: its recovery is longer than the time that
-it had. A joint that the end of the record, a gap, a stand or another setpoint cuts off is censored: it is neither.
+and stays so for `BACK_FOR_S`; it is back at once if it never left the band. *Recovery* is the time from the joint's start until
+then. A joint that the next draw of heat follows before that is *not recovered*: its recovery is longer than the time that it had. A
+joint that the end of the record, a gap, a stand or another setpoint cuts off is censored: it is neither.
 
-*Energy* is the power above what holds the tip, from the start until it is back, ‰·s (trapezoids).
+*Energy* is the power above what holds the tip, from the start until it is back, in ‰·s (trapezoids).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from jbclog.analysis.joints.track import Track, track_of
 from jbclog.analysis.verdict.idle import Flags, Floats, setting_in_force
 
 BACK_FOR_S: Final = 0.3
-LOOK_S: Final = 60.0  # a tip that is not back by then is cut off: what is looked at of one joint stays small
+MOST_RECOVERY_S: Final = 60.0  # a tip that is not back by then is cut off, which bounds the rows of one joint
 NEXT_CAME: Final = "The next joint began before the tip was back."
 FEED_CAME: Final = "A feed without a draw of heat came before the tip was back."
 FEED_ALONE: Final = "Only the feeder tells of it; no draw of heat was found."
@@ -39,9 +39,9 @@ UNKNOWN_SETPOINT: Final = "The setpoint is not known."
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """A joint: a draw of heat, and what it did to the tip. °C and s; None where it is not known, and `why`.
+    """A joint: a draw of heat, and what it did to the tip, in °C and s; None if not known, with the reason in `why`.
 
-    `recovered` is None where the joint was cut off; `had_s` is how long the tip had until the next draw or until it was cut off.
+    `recovered` is None if the joint was cut off; `had_s` is how long the tip had until the next draw or until it was cut off.
     """
 
     draw: Draw
@@ -68,7 +68,7 @@ class Joint:
 
     @property
     def dwell_s(self) -> float | None:
-        """None where only the feeder tells of it."""
+        """The dwell in s; None if only the feeder shows the joint."""
         return None if self.draw.heat is None else self.draw.dwell_s
 
     @property
@@ -95,17 +95,19 @@ class Joint:
 def joints_of(
     series: Series, draws: Sequence[Draw], every: Sequence[Draw], levels: Mapping[float, float], within_c: float
 ) -> list[Joint]:
-    """The joints that these draws are; `every` draw, also of those that are none, can come before the tip is back."""
+    """Return these draws as joints. `every` has all draws, also those that are no joints: any of them can precede the recovery."""
     if not draws or not len(series.seconds):
         return [Joint(draw, why=NOT_READ) for draw in draws]
     tip = _Tip(track_of(series, series.rows.temperature), levels, within_c, series.rated_w)
     drawn, fed = [draw for draw in draws if draw.heat is not None], [draw for draw in draws if draw.heat is None]
-    joints = _joints(tip, series, _seen(series, tip.track, drawn, every, fed), drawn) if drawn else []
+    joints = _measured_joints(tip, series, _timing(series, tip.track, drawn, every, fed), drawn) if drawn else []
     return sorted([*joints, *(Joint(draw, why=FEED_ALONE) for draw in fed)], key=lambda joint: joint.start_s)
 
 
 @dataclass(frozen=True, slots=True)
 class _Tip:
+    """The temperature of a port, with what its recovery is measured against."""
+
     track: Track
     levels: Mapping[float, float]
     within_c: float
@@ -113,11 +115,11 @@ class _Tip:
 
 
 @dataclass(frozen=True, slots=True)
-class _Seen:
-    """Of each joint, when the temperature shows it: setpoint (NaN: not known), until when it can be watched and why not longer.
+class _Timing:
+    """When the temperature shows each joint: its setpoint (NaN: not known), and until when and why its recovery can be watched.
 
-    Of `cuts`, None is the next draw.
-    `first`, `last` and `touched` are places of its readings: the first, behind the last, and behind the last of its contact.
+    In `cuts`, None is the next draw. `first`, `last` and `touched` are places of its readings: the first, the one after the last,
+    and the one after the last of its contact.
     """
 
     starts: Floats
@@ -132,7 +134,8 @@ class _Seen:
     gaps: Flags
 
 
-def _seen(series: Series, track: Track, draws: Sequence[Draw], every: Sequence[Draw], fed: Sequence[Draw]) -> _Seen:
+def _timing(series: Series, track: Track, draws: Sequence[Draw], every: Sequence[Draw], fed: Sequence[Draw]) -> _Timing:
+    """Return the timing of each draw."""
     late = np.array([draw.late_s for draw in draws])
     starts, ends = np.array([draw.start_s for draw in draws]) + late, np.array([draw.end_s for draw in draws]) + late
     setpoints = setting_in_force(series.seconds, series.rows.setting)
@@ -143,14 +146,14 @@ def _seen(series: Series, track: Track, draws: Sequence[Draw], every: Sequence[D
     unread = starts - track.seconds[before] > series.gap_s if len(track.seconds) else np.ones(len(starts), dtype=np.bool_)
     broken = unread | track.has_gap(starts, np.maximum(ends, starts + series.period_s))
     last, touched = track.last(stops), track.last(ends)
-    return _Seen(starts, ends, setpoints[rows], stops, cuts, before, last, touched, broken, track.has_gap(starts, stops))
+    return _Timing(starts, ends, setpoints[rows], stops, cuts, before, last, touched, broken, track.has_gap(starts, stops))
 
 
 def _stops(series: Series, starts: Floats, ends: Floats, draws: Floats, feeds: Floats) -> tuple[Floats, list[str | None]]:
-    """Until when each joint can be watched, and what cuts it off then."""
+    """Return until when each joint can be watched, and what cuts it off then."""
     reasons = (
         "The record ended before the tip was back.",
-        f"The tip was not back {LOOK_S:g} s after it.",
+        f"The tip was not back {MOST_RECOVERY_S:g} s after it.",
         "The setpoint changed before the tip was back.",
         "The tool stopped working before the tip was back.",
         FEED_CAME,
@@ -158,26 +161,26 @@ def _stops(series: Series, starts: Floats, ends: Floats, draws: Floats, feeds: F
     moments = np.stack(
         [
             np.full(len(starts), series.seconds[-1]),
-            ends + LOOK_S,
-            _changed(series, starts),
-            _following(_stands(series), starts),
-            _following(feeds, starts),
+            ends + MOST_RECOVERY_S,
+            _setpoint_changes(series, starts),
+            _next_after(_ends_of_work(series), starts),
+            _next_after(feeds, starts),
         ]
     )
     stops, which = moments.min(axis=0), moments.argmin(axis=0).tolist()
-    following = _following(draws, starts)
+    following = _next_after(draws, starts)
     is_next = following <= stops
     cuts = [None if after else reasons[place] for after, place in zip(is_next.tolist(), which, strict=True)]
     return np.where(is_next, following - series.period_s / 2, stops), cuts
 
 
-def _following(moments: Floats, starts: Floats) -> Floats:
-    """The first of the moments after each start; infinite where there is none."""
+def _next_after(moments: Floats, starts: Floats) -> Floats:
+    """Return the first of the moments after each start; infinite if there is none."""
     return np.append(moments, np.inf)[np.searchsorted(moments, starts, side="right")]
 
 
-def _changed(series: Series, starts: Floats) -> Floats:
-    """From when on the setpoint in force at each start may be another: since it was last read before the change."""
+def _setpoint_changes(series: Series, starts: Floats) -> Floats:
+    """Return since when the setpoint at each start may have changed: since it was last read before the change."""
     read = ~np.isnan(series.rows.setting)
     at, values = series.seconds[read], series.rows.setting[read]
     places = np.flatnonzero(np.diff(values) != 0)
@@ -185,28 +188,28 @@ def _changed(series: Series, starts: Floats) -> Floats:
     return np.asarray(np.maximum(before[np.searchsorted(behind, starts, side="right")], starts), dtype=np.float64)
 
 
-def _stands(series: Series) -> Floats:
-    """When the tool stopped working."""
+def _ends_of_work(series: Series) -> Floats:
+    """Return when the tool stopped working."""
     working = series.rows.working | ~series.known
     return np.asarray(series.seconds[1:][working[:-1] & ~working[1:]], dtype=np.float64)
 
 
-def _joints(tip: _Tip, series: Series, seen: _Seen, draws: Sequence[Draw]) -> list[Joint]:
-    """What these draws did to the tip."""
+def _measured_joints(tip: _Tip, series: Series, timing: _Timing, draws: Sequence[Draw]) -> list[Joint]:
+    """Return the joints, with what each did to the tip."""
     joints = [Joint(draw, _joules(tip, draw), why=GAP) for draw in draws]
-    whole = np.flatnonzero(~seen.broken)
-    values, first, setpoints = tip.track.values, seen.first[whole], seen.setpoints[whole]
-    touched = np.maximum(seen.touched[whole], first + 1)
+    whole = np.flatnonzero(~timing.broken)
+    values, first, setpoints = tip.track.values, timing.first[whole], timing.setpoints[whole]
+    touched = np.maximum(timing.touched[whole], first + 1)
     begin, end, least = values[first], values[touched - 1], segments(first, touched).least(values)
     levels = np.array([tip.levels.get(one, np.nan) for one in setpoints.tolist()])
-    after = _after(tip, seen, whole, np.where(np.isnan(levels), setpoints, levels) - tip.within_c)
-    energies = _energies(series, seen, whole, after, draws)
+    after = _outcomes(tip, timing, whole, np.where(np.isnan(levels), setpoints, levels) - tip.within_c)
+    energies = _energies(series, timing, whole, after, draws)
     lowest = np.minimum(least, after.lowest)
     columns = (setpoints, setpoints - begin, levels - begin, begin - lowest, lowest, end, after.recovery, after.had, energies)
-    known = zip(*(_known(column) for column in columns), strict=True)
+    known = zip(*(_none_where_nan(column) for column in columns), strict=True)
     for place, (setpoint, deficit, below, depth, low, last, recovery, had, energy) in enumerate(known):
         number = int(whole[place])
-        draw, heat_j, cut = draws[number], joints[number].heat_j, seen.cuts[number]
+        draw, heat_j, cut = draws[number], joints[number].heat_j, timing.cuts[number]
         if setpoint is None:
             low = float(least[place])
             joints[number] = Joint(draw, heat_j, depth_c=float(begin[place]) - low, lowest_c=low, end_c=last, why=UNKNOWN_SETPOINT)
@@ -220,16 +223,16 @@ def _joules(tip: _Tip, draw: Draw) -> float | None:
     return None if draw.heat is None or tip.rated_w is None else draw.heat * tip.rated_w / 1000
 
 
-def _known(column: Floats) -> list[float | None]:
-    """With None for what is not known."""
+def _none_where_nan(column: Floats) -> list[float | None]:
+    """Return the values, with None for NaN."""
     return [None if value != value else value for value in column.tolist()]
 
 
 @dataclass(frozen=True, slots=True)
-class _After:
-    """What came after the joints' starts: whether the tip was back, or a gap hid it; and the lowest until then.
+class _Outcomes:
+    """What follows the start of each joint: whether the tip was back or a gap hid it, and its lowest temperature until then.
 
-    NaN: not back, or not known; infinite: no lowest beside that of the contact.
+    NaN: not back, or not known. An infinite `lowest` means none besides that of the contact.
     """
 
     is_back: Flags
@@ -239,7 +242,7 @@ class _After:
     lowest: Floats
 
     def outcome(self, place: int, cut: str | None) -> tuple[bool | None, str | None]:
-        """Whether the tip recovered, and why not; `cut` is what cut the joint off, None where the next one did."""
+        """Return whether the tip recovered, and why not; `cut` is what cut the joint off, None for the next draw."""
         if self.is_lost[place]:
             return None, GAP
         if self.is_back[place]:
@@ -247,25 +250,26 @@ class _After:
         return (False, NEXT_CAME) if cut is None else (None, cut)
 
 
-def _after(tip: _Tip, seen: _Seen, whole: Places, floors: Floats) -> _After:
-    track, first, last = tip.track, seen.first[whole], seen.last[whole]
-    had = np.maximum(seen.stops[whole] - seen.starts[whole], 0.0)
+def _outcomes(tip: _Tip, timing: _Timing, whole: Places, floors: Floats) -> _Outcomes:
+    """Return what follows the start of each joint, against the lower edge `floors` of its band."""
+    track, first, last = tip.track, timing.first[whole], timing.last[whole]
+    had = np.maximum(timing.stops[whole] - timing.starts[whole], 0.0)
     back, lowest = np.full(len(whole), -1, dtype=np.int64), np.full(len(whole), np.inf)
     some = np.flatnonzero(last > first)
     watched = segments(first[some], last[some])
     lowest[some] = watched.least(track.values)
-    back[some] = _back(track, watched, floors[some], seen.stops[whole][some])
+    back[some] = _places_back(track, watched, floors[some], timing.stops[whole][some])
     back[had == 0] = -1
-    is_back, lost = back >= 0, seen.gaps[whole] & (had > 0)
+    is_back, lost = back >= 0, timing.gaps[whole] & (had > 0)
     lost[is_back] = track.gaps[back[is_back]] > track.gaps[first[is_back]]
-    recovery = np.maximum(track.seconds[back] - seen.starts[whole], 0.0)
+    recovery = np.maximum(track.seconds[back] - timing.starts[whole], 0.0)
     recovery[lowest >= floors] = 0.0
     recovery[~is_back | lost], had[lost], lowest[lost] = np.nan, np.nan, np.inf
-    return _After(is_back, lost, recovery, had, lowest)
+    return _Outcomes(is_back, lost, recovery, had, lowest)
 
 
-def _back(track: Track, watched: Segments, floors: Floats, stops: Floats) -> Places:
-    """The place at which the temperature is back after its lowest, of each of the pieces that are watched; -1 where it is not."""
+def _places_back(track: Track, watched: Segments, floors: Floats, stops: Floats) -> Places:
+    """Return the place at which the temperature is back after its lowest, in each piece watched; -1 where it is not."""
     rows, piece = watched.rows, np.repeat(np.arange(len(watched.first)), watched.lengths)
     low, lowest = track.values[rows] < floors[piece], watched.where_least(track.values)[piece]
     behind, before = rows > lowest, np.append(False, low[:-1])
@@ -279,11 +283,11 @@ def _back(track: Track, watched: Segments, floors: Floats, stops: Floats) -> Pla
     return watched.first_row(stays)
 
 
-def _energies(series: Series, seen: _Seen, whole: Places, after: _After, draws: Sequence[Draw]) -> Floats:
-    """The power above holding power of those that recovered; NaN of the others."""
+def _energies(series: Series, timing: _Timing, whole: Places, after: _Outcomes, draws: Sequence[Draw]) -> Floats:
+    """Return the energy of the joints that recovered; NaN for the others."""
     power, above_air = track_of(series, series.rows.power), track_of(series, series.rows.temperature - AIR_C)
-    starts = seen.starts[whole]
-    ends = np.maximum(starts + np.nan_to_num(after.recovery), seen.ends[whole])
+    starts = timing.starts[whole]
+    ends = np.maximum(starts + np.nan_to_num(after.recovery), timing.ends[whole])
     loss = np.array([np.nan if (one := draws[number].loss) is None else one for number in whole.tolist()])
     late = np.array([draws[number].late_s for number in whole.tolist()])
     energies = power.area_between(starts - late, ends - late) - loss * above_air.area_between(starts, ends)

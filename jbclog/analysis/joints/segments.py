@@ -1,8 +1,8 @@
-"""Many short pieces of one column at once: each from its first row to one behind its last. They may overlap.
+"""Reductions of many short pieces of one column at once.
 
-None is empty, but `total` takes empty ones, too. A shift has thousands of joints, and numpy takes some microseconds a call: one
-call for all of them costs what one joint did.
-Results are those of the same call on each piece alone, to the last bit.
+A piece runs from its first row to the one after its last; pieces may overlap, and only `total` accepts empty ones. A shift has
+thousands of joints and each numpy call costs some microseconds, so one call serves all pieces. Results equal those of the same call
+on each piece, to the last bit.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ Places = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Segments:
-    """Pieces of a column. `rows` are those of all of them, one after the other; `begins` is where each begins in these."""
+    """Pieces of a column. `rows` has the rows of all pieces, one piece after the other; `begins` is where each piece begins in
+    `rows`.
+    """
 
     first: Places
     last: Places
@@ -31,30 +33,32 @@ class Segments:
         return self.last - self.first
 
     def least(self, values: Floats) -> Floats:
-        """The least value of each."""
+        """Return the least value of each piece."""
         return np.minimum.reduceat(values[self.rows], self.begins) if len(self.first) else np.empty(0)
 
     def greatest(self, values: Floats) -> Floats:
-        """The greatest value of each."""
+        """Return the greatest value of each piece."""
         return np.maximum.reduceat(values[self.rows], self.begins) if len(self.first) else np.empty(0)
 
     def where_least(self, values: Floats) -> Places:
-        """The row of each with the least value; the first of them."""
+        """Return the first row of each piece that has its least value."""
         return self.first_row(values[self.rows] == np.repeat(self.least(values), self.lengths))
 
     def where_greatest(self, values: Floats) -> Places:
-        """The row of each with the greatest value; the first of them."""
+        """Return the first row of each piece that has its greatest value."""
         return self.first_row(values[self.rows] == np.repeat(self.greatest(values), self.lengths))
 
     def first_row(self, flags: Flags) -> Places:
-        """The first row of each at which the flag is set; -1 where there is none. `flags` are those of `rows`."""
+        """Return the first row of each piece at which the flag is set, or -1; `flags` belong to `rows`."""
         hits = np.append(np.flatnonzero(flags), len(self.rows))
         hit = hits[np.searchsorted(hits, self.begins)]
         inside = hit < self.begins + self.lengths
         return np.where(inside, self.rows[np.where(inside, hit, 0)], -1) if len(self.first) else hit
 
     def total(self, values: Floats) -> Floats:
-        """The sum of each. Pieces of one length together: the order in which numpy adds depends on the length."""
+        """Return the sum of each piece. Pieces of one length are summed together, because numpy's order of adding depends on the
+        length.
+        """
         found, lengths = np.zeros(len(self.first)), self.lengths
         for length in np.unique(lengths).tolist():
             here = np.flatnonzero(lengths == length)
@@ -63,7 +67,7 @@ class Segments:
 
 
 def segments(first: Places, last: Places) -> Segments:
-    """The pieces from these rows to before those."""
+    """Return the pieces from the rows `first` to before the rows `last`."""
     lengths = last - first
     ends = np.cumsum(lengths)
     begins = ends - lengths
@@ -77,8 +81,11 @@ def runs(flags: Flags) -> tuple[Places, Places]:
     return edges[::2], edges[1::2]
 
 
-def highest_running_sum(values: Floats, first: Places, last: Places, less: Floats) -> Places:
-    """The row of each piece up to which the sum of its values, less so much each, is greatest. For pieces of some ten rows."""
+def rows_of_highest_sum(values: Floats, first: Places, last: Places, less: Floats) -> Places:
+    """Return the row of each piece up to which the sum of its values, each less `less`, is greatest.
+
+    For pieces of some ten rows.
+    """
     if not len(first):
         return first
     rows = first[:, np.newaxis] + np.arange(int((last - first).max()))

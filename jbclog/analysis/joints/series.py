@@ -1,8 +1,8 @@
-"""One port of one run as arrays, and windows of it that know their gaps.
+"""One port of one run as arrays, and the stretches of it that have no gap.
 
-Seconds are on the run's grid (tick × period); with ``--rate max`` they are UTC less the steps of the wall clock
-(`judge.stepped`), the nominal period is the median distance of two rows, and a gap is what is longer than four of them and
-than half a second, since such rows are as far apart as the station is slow. What was not read is NaN.
+Seconds are on the run's grid (tick × period). With ``--rate max`` there is no grid: seconds are UTC less the steps of the wall
+clock, the period is the median distance of two rows, and a gap is longer than four periods and than half a second, because rows are
+then as far apart as the station is slow. A value that was not read is NaN.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from jbclog.analysis.joints.figure import GAP_PERIODS
 from jbclog.analysis.verdict.idle import Block, Flags, Floats, setting_in_force
 
-RESOLUTION_C, RESOLUTION_PERMILLE = 1.0, 1.0  # of R-TT and R-PP (manuals 000 and 002: whole °C, whole per mille)
+RESOLUTION_C, RESOLUTION_PERMILLE = 1.0, 1.0  # of R-TT and R-PP: whole °C and whole ‰ (manuals 000 and 002)
 
 
 @dataclass(frozen=True, slots=True)
 class Cycles:
-    """The feeder's counted cycles (R-DCx): when they were read, grid seconds, and how many they were."""
+    """The feeder's counted dispensing cycles (R-DCx): when each count was read, in seconds of the run's grid, and the count."""
 
     seconds: Floats
     counted: Floats
@@ -35,13 +35,12 @@ class Cycles:
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """The rows of one port in their order.
+    """The rows of one port in order of time.
 
-    `rows` has seconds, °C, ‰, the setting in °C where it was read, and whether the tool works (hot air: is on); `known`
-    tells where the state was read at all. `feeding` is 1 where the feeder's motor pushed wire, 0 where not, NaN where that
-    was not read; None for a tool without a feeder. `cycles` are the feeder's, where they were read.
-    `rated_w` is the power at 1000 ‰, where the line file declares it;
-    `ordered_s` is when the run ordered the tool to work.
+    `rows` has seconds, °C, ‰, the setpoint in °C where it was read, and whether the tool works (hot air: is on). `known` is whether
+    the state was read. `feeding` is 1 where the feeder's motor pushed wire, 0 where not, NaN where it was not read; None for a tool
+    without a feeder. `cycles` are the feeder's counts, if they were read. `rated_w` is the power at 1000 ‰, if the line file
+    declares it; `ordered_s` is when the run ordered the tool to work.
     """
 
     rows: Block
@@ -59,15 +58,15 @@ class Series:
 
     @property
     def gap_s(self) -> float:
-        """Readings further apart than this have a gap between them."""
+        """The time in s between two readings above which there is a gap."""
         return GAP_PERIODS * self.period_s if self.on_grid else max(2 * GAP_PERIODS * self.period_s, 0.5)
 
     def window(self, values: Floats, start_s: float, end_s: float) -> Window:
-        """The readings of one column from `start_s` to `end_s`, both included."""
+        """Return the readings of one column from `start_s` to `end_s`, both included."""
         first, last = np.searchsorted(self.seconds, [start_s - 1e-6, end_s + 1e-6])
         here = slice(int(first), int(last))
-        there = ~np.isnan(values[here])
-        return Window(start_s, end_s, self.period_s, self.gap_s, self.seconds[here][there], values[here][there])
+        is_read = ~np.isnan(values[here])
+        return Window(start_s, end_s, self.period_s, self.gap_s, self.seconds[here][is_read], values[here][is_read])
 
 
 class Extent(ABC):
@@ -82,26 +81,26 @@ class Extent(ABC):
     @property
     @abstractmethod
     def n(self) -> int:
-        """How many readings there are."""
+        """The number of readings."""
 
     @property
     @abstractmethod
     def longest_gap_s(self) -> float:
-        """The longest time from one reading to the next, from the beginning and to the end included."""
+        """The longest time in s from one reading to the next, including from the start and to the end."""
 
     @property
     def due(self) -> int:
-        """How many readings a time of this length has."""
+        """The number of readings due in this time."""
         return max(round((self.end_s - self.start_s) / self.period_s) + 1, 1) if self.period_s else self.n
 
     @property
     def coverage(self) -> float:
-        """In per cent of those due, 100 at the most."""
+        """The share of readings due that were obtained, in per cent, at most 100."""
         return round(min(100.0 * self.n / self.due, 100.0), 3) if self.due else 0.0
 
     @property
     def gap(self) -> str | None:
-        """What is wrong with the record here, in a sentence; None where there is no gap."""
+        """A sentence about the gap in the record here; None if there is no gap."""
         longest = self.longest_gap_s
         if not self.n:
             return "Nothing was read in its window: it is one gap."
@@ -112,7 +111,7 @@ class Extent(ABC):
 
 @dataclass(frozen=True, slots=True)
 class Window(Extent):
-    """The readings that are there between two moments."""
+    """The readings of a column between two moments."""
 
     start_s: float
     end_s: float
@@ -135,7 +134,7 @@ class Window(Extent):
 
 @dataclass(slots=True)
 class Column(Extent):
-    """How much of a column was read over all rows of a port, which are taken piece by piece in their order."""
+    """How much of a column was read over all rows of a port, which are added piece by piece in order of time."""
 
     period_s: float
     gap_s: float
@@ -147,7 +146,7 @@ class Column(Extent):
     _longest_s: float = 0.0
 
     def add(self, seconds: Floats, values: Floats) -> None:
-        """The next rows."""
+        """Add the next rows."""
         if not len(seconds):
             return
         if not self._rows:
@@ -172,7 +171,7 @@ class Column(Extent):
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Rows that follow each other without a gap while the tool works, on an even grid of `period_s`."""
+    """Rows without a gap while the tool works, on an even grid of `period_s`."""
 
     period_s: float
     seconds: Floats
@@ -188,20 +187,19 @@ class Stretch:
         return Stretch(self.period_s, *columns)
 
     def power_later(self, rows: int) -> Stretch:
-        """The same with its power so many rows later; before that it was what it was first."""
+        """Return the stretch with its power so many rows later; before the first reading of the power it has that one."""
         if not rows or not len(self):
             return self
         power = np.concatenate([np.full(min(rows, len(self)), self.power[0]), self.power[:-rows]])
         return replace(self, power=power)
 
     def earlier(self, seconds: float) -> Stretch:
-        """The same rows, so much earlier."""
+        """Return the stretch so many seconds earlier."""
         return replace(self, seconds=self.seconds - seconds) if seconds else self
 
 
 BRIDGED_S = 0.5
-"""A shorter time without readings is bridged where transients are looked at: a draw that spans it would be cut in two."""
-
+"""A shorter time without readings is interpolated: a gap would cut a draw across it in two."""
 
 RISE_C, RISE_K_PER_S = 25.0, 300.0
 FALL_C, FALL_K_PER_S = 60.0, 400.0
@@ -209,13 +207,14 @@ FALL_C, FALL_K_PER_S = 60.0, 400.0
 
 
 def stretches(series: Series, shortest_s: float = 3.0, begun: Sequence[Stretch] = ()) -> list[Stretch]:
-    """The parts of the record that can be looked at for transients: working, both read, no gap beyond `BRIDGED_S`.
+    """Return the stretches of the record: the tool works, temperature and power were read, no gap beyond `BRIDGED_S`.
 
-    Of a record that is looked at in windows, `begun` are those of the window before: what began in one of these stays on its grid.
+    Stretches shorter than `shortest_s` are left out. In a record that is analysed in windows, `begun` are the stretches of the
+    window before: one that began there stays on its grid.
     """
     rows = series.rows
-    there = ~np.isnan(rows.temperature) & ~np.isnan(rows.power) & rows.working
-    places = np.flatnonzero(there)
+    is_read = ~np.isnan(rows.temperature) & ~np.isnan(rows.power) & rows.working
+    places = np.flatnonzero(is_read)
     if not len(places):
         return []
     apart = np.diff(rows.seconds[places]) > max(series.gap_s, BRIDGED_S) + 1e-6
@@ -224,16 +223,17 @@ def stretches(series: Series, shortest_s: float = 3.0, begun: Sequence[Stretch] 
     rested = np.diff(np.cumsum(series.known & ~rows.working)[places]) > 0
     pieces = np.split(places, np.flatnonzero(apart | rested | leaps) + 1)
     setting = setting_in_force(rows.seconds, rows.setting)
-    begins = [_grid_of(float(rows.seconds[places[0]]), begun), *(float(rows.seconds[piece[0]]) for piece in pieces[1:])]
+    begins = [_grid_start(float(rows.seconds[places[0]]), begun), *(float(rows.seconds[piece[0]]) for piece in pieces[1:])]
     every = zip(pieces, begins, strict=True)
-    found = [_even(rows, setting, piece, series.period_s, begin) for piece, begin in every if len(piece) > 1]
+    found = [_on_even_grid(rows, setting, piece, series.period_s, begin) for piece, begin in every if len(piece) > 1]
     return [stretch for stretch in found if len(stretch) * series.period_s >= shortest_s]
 
 
 def unseen(series: Series, parts: Sequence[Stretch]) -> tuple[float, int]:
-    """For how many seconds of work, and in how many pieces, nothing could be looked at: gaps, and what is too short between two.
+    """Return how long the tool may have worked while nothing could be analysed, in s, and in how many pieces.
 
-    Where the state was not read the tool may have worked. Pieces of up to `BRIDGED_S` are none.
+    These are gaps, and what is too short between two gaps. Where the state was not read the tool may have worked. Pieces of up to
+    `BRIDGED_S` do not count.
     """
     found = Unseen()
     found.add(series, parts, slice(0, len(series.seconds)))
@@ -241,25 +241,25 @@ def unseen(series: Series, parts: Sequence[Stretch]) -> tuple[float, int]:
 
 
 class Unseen:
-    """The same of a record that is looked at in windows."""
+    """The same for a record that is analysed in windows."""
 
     def __init__(self) -> None:
         self._seconds, self._pieces = 0.0, 0
         self._last_s: float | None = None
-        self._since_s: float | None = None  # from when on nothing is seen, where that goes on
+        self._since_s: float | None = None  # since when nothing is seen, if that continues
         self._period_s = 0.0
 
     def add(self, series: Series, parts: Sequence[Stretch], own: slice) -> None:
-        """These rows, behind those before; the window may have others beside them."""
+        """Add the rows `own` of a window, in order of time; the window may have other rows before and after them."""
         at, period = series.seconds[own], series.period_s
         if not len(at) or not period:
             return
         self._period_s = period
-        looked = np.zeros(len(at), dtype=np.bool_)
+        analysed = np.zeros(len(at), dtype=np.bool_)
         for part in parts:
             first, last = np.searchsorted(at, [part.seconds[0] - period / 2, part.seconds[-1] + period / 2])
-            looked[first:last] = True
-        lost = (series.rows.working[own] | ~series.known[own]) & ~looked
+            analysed[first:last] = True
+        lost = (series.rows.working[own] | ~series.known[own]) & ~analysed
         if self._last_s is not None:
             at, lost = np.concatenate(([self._last_s], at)), np.concatenate(([self._since_s is not None], lost))
         steps = np.diff(at)
@@ -275,7 +275,7 @@ class Unseen:
         self._count(ends - begins + period)
 
     def total(self) -> tuple[float, int]:
-        """Seconds and pieces."""
+        """Return seconds and number of pieces."""
         open_s = 0.0 if self._since_s is None or self._last_s is None else self._last_s - self._since_s + self._period_s
         is_long = open_s > BRIDGED_S
         return self._seconds + open_s * is_long, self._pieces + is_long
@@ -285,14 +285,15 @@ class Unseen:
         self._seconds, self._pieces = self._seconds + float(long.sum()), self._pieces + len(long)
 
 
-def _grid_of(first_s: float, begun: Sequence[Stretch]) -> float:
-    """A moment of the grid that a stretch with a reading at `first_s` is on."""
+def _grid_start(first_s: float, begun: Sequence[Stretch]) -> float:
+    """Return a moment of the grid of the stretch that has a reading at `first_s`."""
     place = bisect_right(begun, first_s + 1e-6, key=lambda stretch: float(stretch.seconds[0])) - 1
-    goes_on = place >= 0 and first_s <= begun[place].seconds[-1] + begun[place].period_s
-    return float(begun[place].seconds[0]) if goes_on else first_s
+    continues = place >= 0 and first_s <= begun[place].seconds[-1] + begun[place].period_s
+    return float(begun[place].seconds[0]) if continues else first_s
 
 
-def _even(rows: Block, setting: Floats, places: NDArray[np.int64], period_s: float, begin_s: float) -> Stretch:
+def _on_even_grid(rows: Block, setting: Floats, places: NDArray[np.int64], period_s: float, begin_s: float) -> Stretch:
+    """Return these rows interpolated on an even grid through `begin_s`; the setpoint is the last one before."""
     seconds = rows.seconds[places]
     first, last = ceil((seconds[0] - begin_s) / period_s - 1e-6), floor((seconds[-1] - begin_s) / period_s + 1e-6)
     grid = np.asarray(begin_s + np.arange(first, last + 1) * period_s, dtype=np.float64)
@@ -302,5 +303,5 @@ def _even(rows: Block, setting: Floats, places: NDArray[np.int64], period_s: flo
 
 
 def nominal_period(seconds: Floats) -> float:
-    """The median distance of two rows: what stands for the period where there is no grid."""
+    """Return the median distance of two rows in s: the period where there is no grid."""
     return float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0

@@ -1,13 +1,15 @@
-"""Solder wire (ale): how much a joint took, whether what was ordered came, how fast, and whether it may be clogged.
+"""Solder wire (soldering feeder, ALE): how much a joint took, whether the set length was delivered, how fast, and suspected
+clogging.
 
-Definitions, from the counters dispensed_mm and dispensed_cycles (R-DLx, R-DCx), the feeder's settings and the motor's state
-(R-PSx): *wire* and *feeds* are the last reading of the counter minus the first. *Wire per joint*: wire over the joints found
-between these two readings. *Wire per feed*: wire over feeds. *Delivered*: wire per feed as a share of the length that is set.
-*Speed*: wire over the time in which the motor was seen pushing between the two readings; it takes `LEAST_READINGS` of them.
-*Clogging suspected*: how many times the motor was seen pushing for `PUSHED_S` or more between two readings of the length that
-show no progress: a suspicion, since the station's own detection tells nothing but whether it is on. A counter that went down
-was reset, and gives no figure.
-Whether the wire that is drawn back counts is told by no manual; to the lengths it may matter.
+Figures come from the counters dispensed_mm and dispensed_cycles (R-DLx, R-DCx), the feeder's settings and the motor's state
+(R-PSx). *Wire* and *feeds* are the last reading of the counter minus the first. *Wire per joint* is wire divided by the joints
+found between these two readings, *wire per feed* is wire divided by feeds, and *delivered* is wire per feed as a share of the set
+length. *Speed* is wire divided by the time in which the motor was seen pushing between the two readings; it needs `LEAST_READINGS`
+of them. *Clogging suspected* is how many times the motor was seen pushing for `PUSHED_S` or more between two readings of the length
+that show no progress; it is a suspicion, because the station reports only whether its own detection is on.
+
+A counter that decreased was reset and gives no figure. No manual states whether wire that is drawn back counts; it may affect the
+lengths.
 """
 
 from __future__ import annotations
@@ -39,7 +41,7 @@ NAMES = (
 
 @dataclass(frozen=True, slots=True)
 class Wire:
-    """The feeder's counter of lengths by grid seconds, and the length that is set: mm (None: not known)."""
+    """The feeder's counter of lengths in mm, by seconds of the run's grid, and the set length in mm (None: not known)."""
 
     length_s: Floats
     length_mm: Floats
@@ -47,10 +49,10 @@ class Wire:
 
 
 def wire_figures(series: Series, wire: Wire | None, joints: Sequence[Joint]) -> list[Figure]:
-    """All figures of the wire; without values where there is no feeder."""
+    """Return all figures of the wire, without values if there is no feeder."""
     if wire is None or series.feeding is None:
         return [no_figure(name, unit, "The tool has no feeder.") for name, unit in NAMES]
-    length, feeds = grown("wire_mm", "mm", wire.length_mm, LENGTH_RESOLUTION_MM), feeds_counted(series)
+    length, feeds = counter_growth("wire_mm", "mm", wire.length_mm, LENGTH_RESOLUTION_MM), feeds_counted(series)
     each = _ratio("wire_per_feed_mm", "mm", length, feeds)
     return [
         length,
@@ -64,12 +66,12 @@ def wire_figures(series: Series, wire: Wire | None, joints: Sequence[Joint]) -> 
 
 
 def feeds_counted(series: Series) -> Figure:
-    """By how much the counter of feeds grew."""
-    return grown("wire_feeds", "count", np.empty(0) if series.cycles is None else series.cycles.counted, 1.0)
+    """Return the growth of the counter of feeds."""
+    return counter_growth("wire_feeds", "count", np.empty(0) if series.cycles is None else series.cycles.counted, 1.0)
 
 
-def grown(name: str, unit: str, counter: Floats, resolution: float) -> Figure:
-    """By how much a counter grew; no value where it was reset."""
+def counter_growth(name: str, unit: str, counter: Floats, resolution: float) -> Figure:
+    """Return the growth of a counter, without a value if it was reset."""
     if len(counter) < 2:
         return no_figure(name, unit, "The counter was read less than twice.", len(counter))
     if (np.diff(counter) < 0).any():
@@ -89,7 +91,7 @@ def _per_joint(series: Series, wire: Wire, joints: Sequence[Joint], length: Figu
     name, unit = "wire_per_joint_mm", "mm"
     if length.value is None:
         return no_figure(name, unit, length.why or "")
-    start, end = between(series, wire.length_s)
+    start, end = counter_span(series, wire.length_s)
     window = series.window(series.rows.temperature, start, end)
     if window.gap:
         return no_figure(name, unit, f"{window.gap} Joints in it are not known.", 0, window.coverage)
@@ -99,8 +101,8 @@ def _per_joint(series: Series, wire: Wire, joints: Sequence[Joint], length: Figu
     return Figure(name, length.value / count, unit, count, window.coverage, LENGTH_RESOLUTION_MM / count)
 
 
-def between(series: Series, counter_s: Floats) -> tuple[float, float]:
-    """From the first to the last reading of a counter, which come just before the first row and after the last."""
+def counter_span(series: Series, counter_s: Floats) -> tuple[float, float]:
+    """Return the first and last moment of a counter, moved to the first and last row if it was read just outside them."""
     first, last = float(counter_s[0]), float(counter_s[-1])
     if not len(series.seconds):
         return first, last
@@ -121,7 +123,7 @@ def _speed(series: Series, wire: Wire, length: Figure) -> Figure:
     name, unit = "wire_speed_mm_s", "mm/s"
     if length.value is None or series.feeding is None:
         return no_figure(name, unit, length.why or "")
-    motor = series.window(series.feeding, *between(series, wire.length_s))
+    motor = series.window(series.feeding, *counter_span(series, wire.length_s))
     pushing = int(motor.values.sum())
     if motor.gap or pushing < LEAST_READINGS:
         why = motor.gap or f"The motor was seen pushing in {pushing} readings; it takes {LEAST_READINGS}."
@@ -138,5 +140,5 @@ def _clogs(series: Series, wire: Wire) -> Figure:
     for place in np.flatnonzero(np.diff(wire.length_mm) == 0):
         motor = series.window(feeding, float(wire.length_s[place]), float(wire.length_s[place + 1]))
         stuck += bool(motor.values.sum() * series.period_s >= PUSHED_S)
-    coverage = series.window(feeding, *between(series, wire.length_s)).coverage
+    coverage = series.window(feeding, *counter_span(series, wire.length_s)).coverage
     return Figure(name, float(stuck), "count", len(wire.length_mm) - 1, coverage, 1.0)

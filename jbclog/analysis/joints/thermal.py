@@ -1,16 +1,16 @@
-"""The heat balance of a tip: what flows into the work, from power and temperature alone.
+"""Heat balance of a tip: the heat flow into the work, from power and temperature alone.
 
-Whatever the heater puts in stays in the tip, goes to the air, or goes into the work (all in ‰ of the full power):
+What the heater puts in stays in the tip, goes to the air, or goes into the work, all in ‰ of full power:
 
     flow = power - capacity × T' - loss × (T - air) - second × T'' + lag × power'
 
-*Capacity* is the tip's heat capacity in ‰·s/K, *loss* what it gives to the air in ‰/K; *second* (‰·s²/K) is that heater and
-point are two masses with a resistance between them, *lag* (s) that the reported power or temperature comes late. The flow is
-zero at rest, while heating up and while the tip recovers, whatever the regulator does, and positive in contact with work.
+*Capacity* is the tip's heat capacity in ‰·s/K, *loss* the heat that it gives to the air in ‰/K. *Second* (‰·s²/K) is because heater
+and point are two masses with a resistance between them; *lag* (s) is because the reported power or temperature comes late. The flow
+is zero at rest, while the tip heats up and while it recovers, whatever the regulator does, and positive in contact with work.
 
-Temperature and power are smoothed alike with a Gaussian; all rates of change are those of the smoothed signals. As everything
-here is linear, the noise of the flow and of its rate of change follow from the noise of the temperature, so limits that are
-multiples of them have error rates that can be stated.
+Temperature and power are smoothed alike with a Gaussian, and all rates of change are those of the smoothed signals. Everything is
+linear, so the noise of the flow and of its rate of change follow from the noise of the temperature, and limits that are multiples
+of them have known error rates.
 """
 
 from __future__ import annotations
@@ -27,26 +27,25 @@ from jbclog.analysis.verdict.idle import Floats
 
 AIR_C: Final = 25.0
 SMOOTH_S: Final = 0.1  # two draws half a second apart stay apart
-COARSE_S: Final = 0.3  # the smoothing in which a small flow shows
-QUIET_PERMILLE: Final = 45.0  # a flow with more noise is smoothed more: a pad takes 300 ‰
+COARSE_S: Final = 0.3  # the smoothing at which a small flow shows
+QUIET_PERMILLE: Final = 45.0  # a flow with more noise is smoothed more; a pad takes 300 ‰
 SMOOTHER: Final = (1.0, 1.4, 2.0, 3.0, 4.5)
 MOST_SMOOTH_S: Final = 0.45
-SMOOTH_PERIODS: Final = 0.7  # below this a sampled Gaussian has no derivative worth the name
-STEP_NOISE: Final = 1 / np.sqrt(12)  # of a reading in whole °C, where nothing else moves it
+SMOOTH_PERIODS: Final = 0.7  # a narrower sampled Gaussian has no useful derivative
+STEP_NOISE: Final = 1 / np.sqrt(12)  # of a reading rounded to whole °C
 MOST_NOISE_C: Final = 2.0
-POWER_NOISE_PERMILLE: Final = 6.0  # steps of up to 10 ‰, and a heater that fires whole mains cycles
+POWER_NOISE_PERMILLE: Final = 6.0  # steps of up to 10 ‰, and a heater that switches whole mains cycles
 MOST_POWER_NOISE: Final = 200.0
-FAST_S: Final = 0.25  # of readings further apart, contact changes every one
+FAST_S: Final = 0.25  # contact changes every reading that is further from the next
 QUARTER_TO_SD: Final = 0.3186  # a quarter of normal values are within so many standard deviations
 EDGE_NOISE_S: Final = 0.2  # the time over which that noise changes
-NAMES: Final = ("capacity", "loss", "second", "lag_s")
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
     """Standard deviations at rest: of the flow in ‰, of its rate of change in ‰/s, and of the flow smoothed to `COARSE_S` in ‰.
 
-    `smooth_s` is the smoothing of the flow that they are of; `floors` is what the least limits in ‰ are multiplied by.
+    `smooth_s` is the smoothing of the flow that they belong to; `floors` is a factor on the minimum limits in ‰.
     """
 
     flow: float
@@ -56,16 +55,16 @@ class Noise:
     floors: float = 1.0
 
     def times(self, factor: float) -> Noise:
-        """As much more, or less, noise."""
+        """Return this noise times a factor."""
         return replace(self, flow=factor * self.flow, rate=factor * self.rate, coarse=factor * self.coarse)
 
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """By how many seconds the temperature is shown later than the power, and one standard deviation; or why it is not known.
+    """How many seconds the temperature is shown later than the power, and one standard deviation; or why it is not known.
 
-    `rows`: by how many rows the power is moved so that both belong together; the model's `lag_s` is what is left then.
-    `moved_s`: by how much joints come earlier than the temperature shows them. Both are 0 where no delay is certain.
+    `rows` is by how many rows the power is moved so that both belong together; the model's `lag_s` is the rest. `moved_s` is how
+    much earlier than the temperature shows them joints are. Both are 0 unless a delay is certain.
     """
 
     seconds: float | None = None
@@ -77,9 +76,9 @@ class Delay:
 
 @dataclass(frozen=True, slots=True)
 class ThermalModel:
-    """A tip as its own record shows it. `uncertainties` are one standard deviation of the four, in their order.
+    """The thermal model of a tip, from its own record. `uncertainties` are one standard deviation of the four parameters, in order.
 
-    `temperature_noise` is that of a reading in °C, `rest_s` is how much of the record without contact it was found from.
+    `temperature_noise` is that of a reading in °C, `rest_s` how much of the record without contact the model comes from.
     """
 
     capacity: float
@@ -96,14 +95,10 @@ class ThermalModel:
     def values(self) -> Floats:
         return np.array([self.capacity, self.loss, self.second, self.lag_s])
 
-    def holding(self, temperature: Floats) -> Floats:
-        """The power in ‰ that keeps the tip at this temperature when it touches nothing."""
-        return np.asarray(self.loss * (temperature - AIR_C), dtype=np.float64)
-
 
 @dataclass(frozen=True, slots=True)
 class Balance:
-    """The smoothed power of a record in ‰, and what the four parameters are multiplied by: a column each."""
+    """The smoothed power of a record in ‰, and the terms that the four parameters multiply, a column each."""
 
     power: Floats
     terms: Floats
@@ -118,12 +113,12 @@ class Balance:
 
 
 def smoothing_s(period_s: float) -> float:
-    """The Gaussian's standard deviation at this rate."""
+    """Return the Gaussian's standard deviation in s at this sampling period."""
     return max(SMOOTH_S, SMOOTH_PERIODS * period_s)
 
 
 def balance_of(stretch: Stretch) -> Balance:
-    """The terms of the heat balance in each row of a stretch."""
+    """Return the terms of the heat balance in each row of a stretch."""
     sigma, period = smoothing_s(stretch.period_s) / stretch.period_s, stretch.period_s
     above_air = stretch.temperature - AIR_C
     terms = (
@@ -136,75 +131,75 @@ def balance_of(stretch: Stretch) -> Balance:
 
 
 def flow_of(stretch: Stretch, values: Floats, smooth_s: float) -> Floats:
-    """The flow into the work in ‰, in each row: two filters instead of five."""
-    from scipy.ndimage import correlate1d  # here, so that a verb which measures nothing does not load it
+    """Return the flow into the work in ‰ in each row, by one filter for the power and one for the temperature."""
+    from scipy.ndimage import correlate1d  # here, so that commands that measure nothing do not load it
 
     of_power, of_temperature = _kernels(stretch.period_s, values, smooth_s)
     above_air = stretch.temperature - AIR_C
-    beside = len(of_power) // 2
-    into = correlate1d(_longer(stretch.power, beside), of_power) - correlate1d(_longer(above_air, beside), of_temperature)
-    return np.asarray(into[beside : beside + len(stretch)], dtype=np.float64)
+    margin = len(of_power) // 2
+    into = correlate1d(_extended(stretch.power, margin), of_power) - correlate1d(_extended(above_air, margin), of_temperature)
+    return np.asarray(into[margin : margin + len(stretch)], dtype=np.float64)
 
 
 def smooth(values: Floats, sigma: float, order: int = 0) -> Floats:
-    """A Gaussian of `sigma` rows, or its derivative per row."""
+    """Return the values smoothed with a Gaussian of `sigma` rows, or a derivative of that per row."""
     from scipy.ndimage import gaussian_filter1d
 
-    beside = int(4 * sigma + 1)
-    smoothed = gaussian_filter1d(_longer(values, beside), sigma, order=order)
-    return np.asarray(smoothed[beside : beside + len(values)], dtype=np.float64)
+    margin = int(4 * sigma + 1)
+    smoothed = gaussian_filter1d(_extended(values, margin), sigma, order=order)
+    return np.asarray(smoothed[margin : margin + len(values)], dtype=np.float64)
 
 
-def _longer(values: Floats, rows: int) -> Floats:
-    """The values with their course continued at both ends, so that a tip that warms at the end of a record goes on warming."""
+def _extended(values: Floats, rows: int) -> Floats:
+    """Return the values with their course continued at both ends, so that a tip that warms at the end of a record keeps warming."""
     if len(values) < 2:
         return np.pad(values, rows, mode="edge")
     return np.pad(values, rows, mode="reflect", reflect_type="odd")
 
 
 def rate(flow: Floats, period_s: float) -> Floats:
-    """How fast the flow changes, ‰/s."""
+    """Return the flow's rate of change in ‰/s."""
     return np.asarray(np.gradient(flow) / period_s if len(flow) > 1 else np.zeros(len(flow)), dtype=np.float64)
 
 
-def noises(period_s: float, values: Floats, temperature_noise: float, power_noise: float = 0.0) -> Iterator[Noise]:
-    """What the noise of readings leaves in the flow, smoothed little to much."""
+def noise_levels(period_s: float, values: Floats, temperature_noise: float, power_noise: float = 0.0) -> Iterator[Noise]:
+    """Return the noise of the flow that the noise of readings causes, from little smoothing to much."""
     least = smoothing_s(period_s)
     smoothings = [times * least for times in SMOOTHER if times == 1 or times * least <= MOST_SMOOTH_S]
     return (noise_at(period_s, values, temperature_noise, power_noise, smooth_s) for smooth_s in smoothings)
 
 
-def noise_of(period_s: float, values: Floats, temperature_noise: float, power_noise: float = 0.0) -> Noise:
-    """The same, smoothed as little as keeps it below `QUIET_PERMILLE`."""
-    for found in noises(period_s, values, temperature_noise, power_noise):
+def least_smoothed_noise(period_s: float, values: Floats, temperature_noise: float, power_noise: float = 0.0) -> Noise:
+    """Return the noise at the least smoothing that keeps it below `QUIET_PERMILLE`, or at the most."""
+    for found in noise_levels(period_s, values, temperature_noise, power_noise):
         if found.flow <= QUIET_PERMILLE:
             break
     return found
 
 
 def noise_at(period_s: float, values: Floats, temperature_noise: float, power_noise: float, smooth_s: float) -> Noise:
-    """The same at one smoothing."""
+    """Return the noise of the flow at one smoothing."""
     fine, coarse = _kernels(period_s, values, smooth_s), _kernels(period_s, values, max(COARSE_S, smooth_s))
     changes = [rate(np.pad(kernel, 2), period_s) for kernel in fine]
 
-    def both(kernels: Sequence[Floats], least: float) -> float:
-        of_power, of_temperature = (_length(kernel) for kernel in kernels)
+    def combined(kernels: Sequence[Floats], least: float) -> float:
+        of_power, of_temperature = (_norm(kernel) for kernel in kernels)
         return float(np.hypot(of_temperature * temperature_noise, max(of_power * power_noise, least)))
 
     return Noise(
-        both(fine, POWER_NOISE_PERMILLE),
-        both(changes, POWER_NOISE_PERMILLE / EDGE_NOISE_S),
-        both(coarse, POWER_NOISE_PERMILLE),
+        combined(fine, POWER_NOISE_PERMILLE),
+        combined(changes, POWER_NOISE_PERMILLE / EDGE_NOISE_S),
+        combined(coarse, POWER_NOISE_PERMILLE),
         smooth_s,
     )
 
 
-def _length(kernel: Floats) -> float:
+def _norm(kernel: Floats) -> float:
     return float(np.sqrt(np.square(kernel).sum()))
 
 
 def term_noise(period_s: float, temperature_noise: float) -> Floats:
-    """The covariance that the temperature's noise gives the four terms of the heat balance."""
+    """Return the covariance that the noise of the temperature gives the four terms of the heat balance."""
     sigma = smoothing_s(period_s) / period_s
     impulse = _impulse(sigma)
     kernels = [smooth(impulse, sigma, order) / period_s**order for order in (1, 0, 2)]
@@ -213,26 +208,26 @@ def term_noise(period_s: float, temperature_noise: float) -> Floats:
 
 
 def temperature_noise(stretches: Sequence[Stretch]) -> float:
-    """The noise of a reading in °C: what a parabola through five of them leaves (Savitzky and Golay, 1964)."""
-    left = np.concatenate([_beside_parabola(stretch.temperature) for stretch in stretches])
-    if len(left) < 20:
+    """Return the noise of a reading in °C, from the residuals of a parabola through five readings (Savitzky and Golay, 1964)."""
+    residuals = np.concatenate([_parabola_residuals(stretch.temperature) for stretch in stretches])
+    if len(residuals) < 20:
         return 0.5
-    spread = 1.4826 * float(np.median(np.abs(left - np.median(left)))) / np.sqrt(18 / 35)
+    spread = 1.4826 * float(np.median(np.abs(residuals - np.median(residuals)))) / np.sqrt(18 / 35)
     return float(min(max(spread, STEP_NOISE), MOST_NOISE_C))
 
 
 def power_noise(stretches: Sequence[Stretch]) -> float:
-    """The noise of a reading of the power in ‰, likewise, from the quarter of readings that a parabola fits best.
+    """Return the noise of a reading of the power in ‰, likewise, from the quarter of readings that a parabola fits best.
 
-    Heat comes in bursts, and the told power is a mean over some of them; contact changes it, too, but not all of the time.
+    Heat comes in bursts, and the reported power is a mean over some of them; contact changes it too, but not all of the time.
     """
-    left = np.abs(np.concatenate([_beside_parabola(stretch.power) for stretch in stretches]))
-    if len(left) < 20 or stretches[0].period_s > FAST_S:
+    residuals = np.abs(np.concatenate([_parabola_residuals(stretch.power) for stretch in stretches]))
+    if len(residuals) < 20 or stretches[0].period_s > FAST_S:
         return POWER_NOISE_PERMILLE
-    return float(min(np.quantile(left, 0.25) / QUARTER_TO_SD / np.sqrt(18 / 35), MOST_POWER_NOISE))
+    return float(min(np.quantile(residuals, 0.25) / QUARTER_TO_SD / np.sqrt(18 / 35), MOST_POWER_NOISE))
 
 
-def _beside_parabola(values: Floats) -> Floats:
+def _parabola_residuals(values: Floats) -> Floats:
     if len(values) < 5:
         return np.empty(0)
     fitted = (-3 * values[:-4] + 12 * values[1:-3] + 17 * values[2:-2] + 12 * values[3:-1] - 3 * values[4:]) / 35
@@ -240,15 +235,15 @@ def _beside_parabola(values: Floats) -> Floats:
 
 
 def _kernels(period_s: float, values: Floats, smooth_s: float) -> tuple[Floats, Floats]:
-    """What power and temperature are weighted with, row by row, to give the flow."""
+    """Return the weights of power and temperature, row by row, whose sum is the flow."""
     capacity, loss, second, lag = values
     still, once, twice = _derivatives(period_s, smooth_s)
     return still + lag * once, capacity * once + loss * still + second * twice
 
 
-@lru_cache(maxsize=64)  # a fit asks for the same few a hundred times
+@lru_cache(maxsize=64)  # a fit needs the same few a hundred times
 def _derivatives(period_s: float, smooth_s: float) -> tuple[Floats, ...]:
-    """What gives a smoothed value and its first and second derivative by time."""
+    """Return the kernels of a smoothed value and of its first and second derivative by time."""
     sigma = smooth_s / period_s
     impulse = _impulse(sigma)
     return tuple(smooth(impulse, sigma, order)[::-1] / period_s**order for order in range(3))

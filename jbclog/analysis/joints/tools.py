@@ -1,7 +1,7 @@
-"""The stretches of a port by tool: each exchange of the tool begins anew, since another tip has another heat balance.
+"""The stretches of a port by tool: each exchange of the tool needs a new model, because another tip has another heat balance.
 
-What lies between two exchanges is a tool of its own where it is at least `OWN_MODEL_S` long; shorter ones are put together by
-the tool's code.
+The stretches between two exchanges are a tool of their own if they last at least `OWN_MODEL_S`; shorter ones are merged by the
+tool's code.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import Final, Protocol, TypeVar
 
 import numpy as np
 
-from jbclog.analysis.joints.heat_up_end import Readied
+from jbclog.analysis.joints.heat_up_end import ReadyStretch
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.thermal import ThermalModel
 from jbclog.analysis.verdict.idle import Floats
@@ -25,15 +25,15 @@ UNKNOWN_CODE: Final = -1.0
 class Tool:
     """The stretches of a tool and its model."""
 
-    parts: Sequence[Readied]
+    parts: Sequence[ReadyStretch]
     model: ThermalModel
 
 
-def by_tool(series: Series, parts: Sequence[Readied]) -> list[list[Readied]]:
-    """The stretches of each tool: between two exchanges, those that are long enough for a model of their own."""
+def by_tool(series: Series, parts: Sequence[ReadyStretch]) -> list[list[ReadyStretch]]:
+    """Return the stretches of each tool."""
     absent = np.concatenate(([0], np.cumsum(~series.rows.in_place)))
     codes = series.rows.tool
-    groups: list[tuple[float, list[Readied]]] = []
+    groups: list[tuple[float, list[ReadyStretch]]] = []
     last: tuple[float, int] | None = None
     for part in parts:
         row = int(np.searchsorted(series.seconds, part.stretch.seconds[0] - 1e-6))
@@ -43,11 +43,11 @@ def by_tool(series: Series, parts: Sequence[Readied]) -> list[list[Readied]]:
             groups.append((code, []))
         groups[-1][1].append(part)
         last = here
-    return large_enough(groups)
+    return merged_by_code(groups)
 
 
 def code_at(codes: Floats | None, row: int) -> float:
-    """The tool's code that was last read."""
+    """Return the code of the tool that was last read up to this row."""
     if codes is None:
         return UNKNOWN_CODE
     known = np.flatnonzero(~np.isnan(codes[: row + 1]))
@@ -55,7 +55,7 @@ def code_at(codes: Floats | None, row: int) -> float:
 
 
 class Piece(Protocol):
-    """A stretch, as far as it is put to a tool."""
+    """A stretch, as far as its assignment to a tool needs it."""
 
     @property
     def start_s(self) -> float: ...
@@ -67,8 +67,8 @@ class Piece(Protocol):
 P = TypeVar("P", bound=Piece)
 
 
-def large_enough(groups: Sequence[tuple[float, list[P]]]) -> list[list[P]]:
-    """The stretches of each tool; `groups` are those between two exchanges, with the tool's code."""
+def merged_by_code(groups: Sequence[tuple[float, list[P]]]) -> list[list[P]]:
+    """Return the stretches of each tool; `groups` are those between two exchanges, with the code of the tool."""
     own = [parts for _, parts in groups if _length_s(parts) >= OWN_MODEL_S]
     small: dict[float, list[P]] = {}
     for code, parts in groups:

@@ -1,6 +1,7 @@
-"""The readings of one column that are there, for many windows at once: each window is two places in them.
+"""The readings of one column, for questions about many windows at once.
 
-`Series.window` says everything of one window and costs a hundred microseconds; a joint needs several, and a shift has thousands.
+`Series.window` answers everything about one window and costs a hundred microseconds; a joint needs several windows, and a shift has
+thousands of joints.
 """
 
 from __future__ import annotations
@@ -18,9 +19,8 @@ EPSILON_S = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Seconds and values of the readings.
-
-    `gaps` counts, up to each, the steps that are gaps; `area` is the integral up to each (trapezoids).
+    """Seconds and values of the readings. `gaps` is the number of gaps before each reading; `area` is the integral up to it
+    (trapezoids).
     """
 
     seconds: Floats
@@ -30,15 +30,15 @@ class Track:
     gap_s: float
 
     def first(self, moments: Floats) -> Places:
-        """The place of the first reading at or after each moment."""
+        """Return the place of the first reading at or after each moment."""
         return np.searchsorted(self.seconds, moments - EPSILON_S)
 
     def last(self, moments: Floats) -> Places:
-        """The place behind the last reading at or before each moment."""
+        """Return the place after the last reading at or before each moment."""
         return np.searchsorted(self.seconds, moments + EPSILON_S)
 
     def has_gap(self, starts: Floats, ends: Floats) -> Flags:
-        """Whether nothing was read for longer than `gap_s` somewhere between the two moments, or at all."""
+        """Return whether no reading exists for longer than `gap_s` somewhere between each start and end, or none at all."""
         if not len(self.seconds):
             return np.ones(len(starts), dtype=np.bool_)
         first, last = self.first(starts), self.last(ends) - 1
@@ -49,18 +49,18 @@ class Track:
         return np.asarray(none | inner | late | early, dtype=np.bool_)
 
     def area_between(self, starts: Floats, ends: Floats) -> Floats:
-        """The integral from the first reading after the start to the last before the end; NaN with less than two."""
+        """Return the integral from the first reading after each start to the last before its end; NaN with fewer than two."""
         first, last = self.first(starts), self.last(ends) - 1
         few = last <= first
         top = max(len(self.area) - 1, 0)
-        whole = self.area[np.clip(last, 0, top)] - self.area[np.clip(first, 0, top)] if len(self.area) else np.zeros(len(starts))
-        return np.asarray(np.where(few, np.nan, whole), dtype=np.float64)
+        area = self.area[np.clip(last, 0, top)] - self.area[np.clip(first, 0, top)] if len(self.area) else np.zeros(len(starts))
+        return np.asarray(np.where(few, np.nan, area), dtype=np.float64)
 
 
 def track_of(series: Series, values: Floats) -> Track:
-    """The readings of one column of a port."""
-    there = ~np.isnan(values)
-    seconds, read = series.seconds[there], values[there]
+    """Return the readings of one column of a port."""
+    is_read = ~np.isnan(values)
+    seconds, read = series.seconds[is_read], values[is_read]
     steps = np.diff(seconds)
     gaps = np.concatenate(([0], np.cumsum(steps > series.gap_s + EPSILON_S)))
     area = np.concatenate(([0.0], np.cumsum((read[1:] + read[:-1]) / 2 * steps)))

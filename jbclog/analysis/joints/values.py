@@ -1,4 +1,4 @@
-"""A mean, a spread and a median of any number of values in bounded memory."""
+"""Mean, spread and median of any number of values in bounded memory."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ MOST_KEPT: Final = 20_000
 
 
 class Values:
-    """Values that come piece by piece: up to `MOST_KEPT` as they are; of more, rounded to `decimals`, how often each was read."""
+    """Values that are added piece by piece: up to `MOST_KEPT` as they are; beyond, counted after rounding to `decimals`."""
 
     def __init__(self, decimals: int) -> None:
         self.n = 0
@@ -23,7 +23,7 @@ class Values:
         self._counts: Counter[float] = Counter()
 
     def add(self, values: Floats) -> None:
-        """The next values; none of them is NaN."""
+        """Add values; none of them is NaN."""
         self.n += len(values)
         self._kept.append(values)
         if self.n > MOST_KEPT:
@@ -33,7 +33,7 @@ class Values:
 
     @property
     def mean(self) -> float:
-        """NaN where there are none."""
+        """The mean; NaN without values."""
         values, counts = self._counted()
         return float(values.mean()) if counts is None else float((counts * values).sum()) / self.n
 
@@ -47,12 +47,12 @@ class Values:
 
     @property
     def range(self) -> float:
-        """The greatest less the least."""
+        """The greatest minus the least value."""
         return float(np.ptp(self._counted()[0]))
 
     @property
     def median(self) -> float:
-        """NaN where there are none."""
+        """The median; NaN without values."""
         values, counts = self._counted()
         if counts is None:
             return float(np.median(values)) if len(values) else np.nan
@@ -61,7 +61,7 @@ class Values:
         return float(values[below] + values[above]) / 2
 
     def _counted(self) -> tuple[Floats, Floats | None]:
-        """The values, in their order; or each of them once, from the least on, and how often it was read."""
+        """Return the values in the order added; or the distinct ones, sorted, with how often each occurs."""
         if not self._counts:
             return np.concatenate([np.empty(0), *self._kept]), None
         values = np.array(sorted(self._counts))

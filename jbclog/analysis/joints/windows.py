@@ -1,11 +1,11 @@
-"""The rows of a port in windows, as they come, whatever the size of the pieces that they come in.
+"""The rows of a port in windows, whatever the size of the pieces that they are read in.
 
-A window has the rows of `WINDOW_S` that are its own, and `BESIDE_S` more on both sides: what filters, contacts and recoveries take
-of their neighbourhood. Its edges are whole multiples of `WINDOW_S` on the run's seconds, so the same record gives the same windows,
-whether it is read in row groups of a hundred rows or all at once. No more than a window is in memory.
+A window has its own rows, `WINDOW_S` of them, and `BESIDE_S` more on both sides for filters, contacts and recoveries. Its edges are
+whole multiples of `WINDOW_S` in seconds of the run, so the same record gives the same windows whether it is read in row groups of a
+hundred rows or at once. Only one window is in memory.
 
-Whoever looks at a window may ask to see its last rows again (`Look`), where something in them goes on beyond the window: the next
-one then begins there. After `MOST_WINDOWS` it must do with what it has.
+What looks at a window may ask to see its last rows again (`Look`) if something in them continues beyond the window: the next window
+then begins there. After `MOST_WINDOWS` it must do with what it has.
 """
 
 from __future__ import annotations
@@ -17,54 +17,54 @@ from typing import Any, Final
 
 import numpy as np
 
-from jbclog.analysis.joints.heat_up_end import Readied, continued
+from jbclog.analysis.joints.heat_up_end import ReadyStretch, ready_stretches_of_window
 from jbclog.analysis.joints.series import Series, stretches
 from jbclog.analysis.verdict.idle import Block, Floats
 
 WINDOW_S, BESIDE_S = 1200.0, 90.0
 MOST_WINDOWS: Final = 6
-SAME_S: Final = 1e-4  # moments nearer than this are one: an edge lies so far before a row, never on it
-EARLIER_S: Final = 1.0  # a draw may begin before the first row, where the temperature is shown late
+SAME_S: Final = 1e-4  # closer moments are the same: an edge lies so far before a row, never on it
+EARLIER_S: Final = 1.0  # a draw may begin before the first row if the temperature is shown late
 COLUMNS: Final = ("seconds", "temperature", "power", "setting", "working")
 CODES: Final = ("tool", "port_error")
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """A window: its rows with those beside them, and from when until before when they are its own.
+    """A window: its own rows, from `begin_s` to before `end_s`, with those on both sides.
 
-    `parts` are the stretches in it, as they are in the whole record. `must`: nothing of it is shown again.
+    `parts` are the stretches in it, as they are in the whole record. `must`: its rows are not shown again.
     """
 
     series: Series
-    parts: Sequence[Readied]
+    parts: Sequence[ReadyStretch]
     begin_s: float
     end_s: float
     must: bool
 
     @property
     def last_s(self) -> float:
-        """Until when there are rows; infinite where the record ends in it."""
+        """The moment until which there are rows; infinite if the record ends in the window."""
         return self.end_s + BESIDE_S
 
     def own(self, seconds: Floats, until_s: float = inf) -> slice:
-        """Which of these moments, in their order, are its own."""
+        """Return the slice of these sorted moments that lies in the window itself."""
         first, last = np.searchsorted(seconds, [self.begin_s, min(self.end_s, until_s)])
         return slice(int(first), int(last))
 
     @property
     def own_rows(self) -> Series:
-        """Its own rows, without those beside them."""
+        """The window's own rows, without those on both sides."""
         return rows_of(self.series, self.own(self.series.seconds))
 
 
 def whole(series: Series) -> View:
-    """All rows of a port as one window; without stretches."""
+    """Return all rows of a port as one window, without stretches."""
     return View(series, (), -inf, inf, True)
 
 
 Look = Callable[[View], float | None]
-"""Takes a window, and says from when on it wants to see its own rows again; None: not at all."""
+"""Takes a window and returns since when it wants to see that window's own rows again, or None."""
 
 
 class Windows:
@@ -74,10 +74,10 @@ class Windows:
         self._look, self._window_s = look, window_s
         self._pieces: list[Series] = []
         self._begin_s = self._end_s = -inf
-        self._before: Sequence[Readied] = ()
+        self._before: Sequence[ReadyStretch] = ()
 
     def take(self, piece: Series) -> None:
-        """The next rows."""
+        """Take the next rows."""
         if not len(piece.seconds):
             return
         if self._end_s == -inf:
@@ -88,14 +88,14 @@ class Windows:
             self._show(joined(self._pieces))
 
     def end(self) -> None:
-        """There are no more rows."""
+        """Show the last window: there are no more rows."""
         if self._pieces:
             held = placed(joined(self._pieces))
             self._look(View(held, self._parts(held), self._begin_s, inf, True))
             self._pieces.clear()
 
     def _edge(self, second: float) -> float:
-        """The first edge of a window after this moment."""
+        """Return the first edge of a window after this moment."""
         return (floor((second + SAME_S) / self._window_s) + 1) * self._window_s - SAME_S
 
     def _show(self, held: Series) -> None:
@@ -109,12 +109,12 @@ class Windows:
         self._end_s = max(self._end_s + self._window_s, self._edge(float(following)))
         self._pieces = [_from(held, self._begin_s - BESIDE_S)]
 
-    def _parts(self, series: Series) -> list[Readied]:
-        return continued(stretches(series, begun=[part.stretch for part in self._before]), self._before)
+    def _parts(self, series: Series) -> list[ReadyStretch]:
+        return ready_stretches_of_window(stretches(series, begun=[part.stretch for part in self._before]), self._before)
 
 
 def joined(pieces: Sequence[Series]) -> Series:
-    """Pieces of a port's rows as one."""
+    """Return pieces of a port's rows as one."""
     if len(pieces) == 1:
         return pieces[0]
     rows = [piece.rows for piece in pieces]
@@ -128,7 +128,7 @@ def _together(columns: Sequence[Any]) -> Any:
 
 
 def rows_of(series: Series, rows: slice) -> Series:
-    """Some of a port's rows."""
+    """Return some of a port's rows."""
     columns: list[Any] = [getattr(series.rows, name) for name in (*COLUMNS, *CODES)]
     feeding = None if series.feeding is None else series.feeding[rows]
     taken: list[Any] = [None if one is None else one[rows] for one in columns]
@@ -137,7 +137,7 @@ def rows_of(series: Series, rows: slice) -> Series:
 
 
 def _from(series: Series, begin_s: float) -> Series:
-    """The rows from a moment on, copied, so that those before it leave memory; the first has the codes that were last read."""
+    """Return a copy of the rows from a moment on, so that those before it are freed; the first row has the codes last read."""
     first = int(np.searchsorted(series.seconds, begin_s))
     kept = rows_of(series, slice(first, None))
     columns = [getattr(kept.rows, name).copy() for name in COLUMNS]
@@ -147,11 +147,12 @@ def _from(series: Series, begin_s: float) -> Series:
 
 
 def placed(series: Series) -> Series:
-    """A tool that is out of its place does not work; where it was is told by the rows on both sides."""
+    """Return the rows, with a tool that is out of its place not working; the codes on both sides decide where it was."""
     return replace(series, rows=replace(series.rows, working=series.rows.working & series.rows.in_place))
 
 
 def _held_from(codes: Floats | None, first: int) -> Floats | None:
+    """Return the codes from this row on, the first of them the one last read."""
     if codes is None:
         return None
     kept, read = codes[first:].copy(), np.flatnonzero(~np.isnan(codes[: first + 1]))

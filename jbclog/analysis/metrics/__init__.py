@@ -1,4 +1,4 @@
-"""The metrics of one port: heat-up, overshoot, idle error, drift, energy, and the figures of its joints.
+"""The metrics of one port: heat-up, idle error, drift, energy, and figures of its joints.
 
-Start with `definitions.py`, every metric in words with its unit; `measures.py` computes them all.
+Start with `definitions.py`, which defines every metric and its unit; `measures.py` computes them all.
 """

@@ -17,7 +17,7 @@ from jbclog.analysis.metrics.idling import LEAST_DRIFT_S, LEAST_MEANS, MEAN_S
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """One metric: its name, its unit, what it is, and of which tools: ``tip``, ``air``, ``feeder``."""
+    """One metric: its name, its unit, what it is, and the tools that have it: ``tip``, ``air``, ``feeder``."""
 
     name: str
     unit: str
@@ -64,7 +64,7 @@ DEFINITIONS: Final = (
         "count",
         f"Draws of heat of {LEAST_DWELL_S:g} s or more, found by the tip's heat balance; contacts less than {MERGE_GAP_S:g} s "
         "apart are one (both can be set in the recipe). With a feeder that decides, feeds too; a feed without a draw is a joint of "
-        "low confidence. None where neither heat balance nor feeder can tell. Says nothing of quality.",
+        "low confidence. Null where neither heat balance nor feeder shows them. No statement about quality.",
         TIP,
     ),
     Definition(
@@ -74,9 +74,9 @@ DEFINITIONS: Final = (
         f"less than {SURE_HEAT:g} ‰·s, or never {SURE_PEAK:g} ‰; where wire decides, without a feed or without a draw.",
         TIP,
     ),
-    Definition("joints_by_heat", "count", "Joints that the heat balance alone tells of.", TIP),
-    Definition("joints_by_feeder", "count", "Feeds seen in the motor's state, and those that only the counter tells of.", FEEDER),
-    Definition("joints_fed_alone", "count", "Joints that only the feeder tells of.", FEEDER),
+    Definition("joints_by_heat", "count", "Joints that the heat balance alone shows.", TIP),
+    Definition("joints_by_feeder", "count", "Feeds seen in the motor's state, and those that only the counter shows.", FEEDER),
+    Definition("joints_fed_alone", "count", "Joints that only the feeder shows.", FEEDER),
     Definition("joints_not_recovered", "count", "Joints that the next draw of heat followed before the tip was back.", TIP),
     Definition("recovered_before_next_percent", "%", "Share of the joints after which the tip was back before the next draw.", TIP),
     Definition("joint_deficit_c", "°C", f"Setpoint minus temperature at a joint's start. {_EACH}", TIP),

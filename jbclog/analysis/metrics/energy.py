@@ -1,4 +1,12 @@
-"""."""
+"""Power and energy of the heater.
+
+Power is in ‰ of the station's theoretical maximum (R-PP). *Energy* is its integral over the whole record by the trapezoid rule on
+the run's grid, in ‰·s, without a value if the record has a gap. *Recorded energy* is the same over the stretches without a gap, and
+so a lower bound. In joules it is ‰·s × full-scale power / 1000, if the line file declares that power. *Mean power* is the mean of
+the readings while the tool works. *Duty* is the time at `AT_LEAST_PERMILLE` or more as a share of the working readings.
+*Utilisation* is the readings of the state in which the tool works, as a share of all readings of the state. *Joint share* is the
+time in joints as a share of the working time.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +27,7 @@ AT_LEAST_PERMILLE = 500.0
 
 @dataclass(slots=True)
 class Totals:
-    """What is summed over all rows of a port, taken window by window."""
+    """Sums over all rows of a port, which are added window by window."""
 
     period_s: float
     gap_s: float
@@ -38,7 +46,7 @@ class Totals:
         self.temperature, self.power, self.state = (Column(self.period_s, self.gap_s) for _ in range(3))
 
     def take(self, series: Series) -> None:
-        """The next rows."""
+        """Add the next rows."""
         seconds, rows = series.seconds, series.rows
         self.temperature.add(seconds, rows.temperature)
         self.power.add(seconds, rows.power)
@@ -56,12 +64,12 @@ class Totals:
 
 
 def totals_of(series: Series) -> Totals:
-    """Those of a port of which no rows were taken yet."""
+    """Return the totals of a port before any of its rows."""
     return Totals(series.period_s, series.gap_s, series.rated_w)
 
 
 def energy(port: Totals, joints: Sequence[Joint] | None) -> list[Figure]:
-    """Power, energy, duty and utilisation; `joints` is None for tools in which joints are not looked for."""
+    """Return power, energy, duty and utilisation; `joints` is None for tools whose joints are not looked for."""
     return [
         _mean(port),
         *_energies(port),

@@ -1,4 +1,16 @@
-"""."""
+"""Heat-up: how long it takes, how far the temperature overshoots, and when it has settled.
+
+A *heat-up* begins when the tool starts to work (or the record begins with it working), or when its setting is raised by
+`LEAST_RISE_C` or more, with a tip more than `BAND_C` below its setting. If the record begins with a working tool, it begins when
+the tool was ordered to work, if that was at most `ORDER_S` before the first row; otherwise its beginning is not known and it is
+left out.
+
+*Heat-up time* is from that moment until the tip first enters its setting ± `BAND_C` and stays there for `HOLD_S`. *Overshoot* is
+the highest temperature minus the setting in the `AFTER_S` after that entry, or until setting or state change. *Settling time* is
+from the same beginning until the last moment of that time at which the tip is further than `CALM_C` from its setting; it has no
+value if the tip still is in the last `HOLD_S`. Each is the median over the heat-ups whose window has no gap, without a value if all
+have one.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +39,7 @@ ORDER_S = 10.0
 
 @dataclass(frozen=True, slots=True)
 class HeatUp:
-    """One heat-up: its figures (None: not known), how much of it was read, and its gap, where it has one."""
+    """One heat-up: its figures (None: not known), the coverage of its readings, and its gap, if any."""
 
     time_s: float | None
     overshoot_c: float | None
@@ -37,19 +49,19 @@ class HeatUp:
 
 
 class Heating:
-    """Heat-up time, overshoot and settling time of a port whose rows are taken window by window."""
+    """Heat-up time, overshoot and settling time of a port whose rows are added window by window."""
 
     def __init__(self, period_s: float, ordered_s: float | None) -> None:
         self._period_s, self._found = period_s, list[HeatUp]()
         self._ordered_s = ordered_s  # of the record's first row; None behind it
 
     def take(self, view: View) -> None:
-        """The heat-ups that begin in a window; each is looked at for `PATIENCE_S` and `AFTER_S`, which windows have beside them."""
+        """Add the heat-ups that begin in a window; each needs up to `PATIENCE_S` and `AFTER_S`, which windows have after them."""
         self._found += _heat_ups(replace(view.series, ordered_s=self._ordered_s), view)
         self._ordered_s = None
 
     def figures(self) -> list[Figure]:
-        """The medians."""
+        """Return the medians over all heat-ups."""
         time, found = self._period_s, self._found
         not_reached, not_settled = "The tip did not reach its setting.", "The tip did not settle while it was looked at."
         return [
@@ -60,24 +72,24 @@ class Heating:
 
 
 def _heat_ups(series: Series, view: View) -> Iterator[HeatUp]:
-    """The heat-ups of a window whose beginning was seen."""
+    """Yield the heat-ups of a window whose beginning is known."""
     rows, setting, own = series.rows, setting_in_force(series.seconds, series.rows.setting), view.own(series.seconds)
-    begins = _begins(series, setting)
+    begins = _heat_up_starts(series, setting)
     for start in (np.flatnonzero(begins[own]) + own.start).tolist():
         aim = _aim(setting, start)
         if aim is None or not rows.temperature[start] < aim - BAND_C:
             continue
         end = _change_after(series, setting, start, float(rows.seconds[-1]) if view.end_s == inf else inf)
-        yield _heat_up(series, _moment(series, start), float(rows.seconds[start]), end, aim)
+        yield _heat_up(series, _beginning_s(series, start), float(rows.seconds[start]), end, aim)
 
 
-def _moment(series: Series, start: int) -> float:
-    """When it began: at the row, or when the tool was ordered to work before the first row."""
+def _beginning_s(series: Series, start: int) -> float:
+    """Return when the heat-up began: at the row, or when the tool was ordered to work before the first row."""
     return series.ordered_s if start == 0 and series.ordered_s is not None else float(series.seconds[start])
 
 
-def _begins(series: Series, setting: Floats) -> Flags:
-    """Rows at which the tool goes to work, or works with a higher setting than the row before."""
+def _heat_up_starts(series: Series, setting: Floats) -> Flags:
+    """Return the rows at which the tool starts to work, or works with a higher setting than in the row before."""
     working, known = series.rows.working, series.known
     begins = np.zeros(len(working), dtype=np.bool_)
     first = series.seconds[0] if len(working) else 0.0
@@ -90,13 +102,13 @@ def _begins(series: Series, setting: Floats) -> Flags:
 
 
 def _aim(setting: Floats, start: int) -> float | None:
-    """The setting at `start`, or the first that is read after it."""
+    """Return the setting at `start`, or the first one read after it."""
     known = setting[start:][~np.isnan(setting[start:])]
     return float(known[0]) if len(known) else None
 
 
 def _change_after(series: Series, setting: Floats, start: int, never_s: float) -> float:
-    """When the tool is next seen resting or its setting changes; `never_s` where neither is seen."""
+    """Return when the tool next rests or its setting changes; `never_s` if neither is seen."""
     resting = series.known[start + 1 :] & ~series.rows.working[start + 1 :]
     before, after = setting[start:-1], setting[start + 1 :]
     other = ~np.isnan(before) & ~np.isnan(after) & (before != after)
@@ -119,18 +131,18 @@ def _heat_up(series: Series, start_s: float, first_s: float, end_s: float, aim: 
 def _settling_s(after: Window, aim: float, start_s: float, entry_s: float) -> float | None:
     if not after.n:
         return None
-    away = after.seconds[np.abs(after.values - aim) > CALM_C]
-    if not len(away):
+    outside = after.seconds[np.abs(after.values - aim) > CALM_C]
+    if not len(outside):
         return entry_s - start_s
-    return None if away[-1] > after.end_s - HOLD_S else float(away[-1] - start_s)
+    return None if outside[-1] > after.end_s - HOLD_S else float(outside[-1] - start_s)
 
 
 def _entry(window: Window, aim: float) -> float | None:
-    """The first moment from which the tip stays in the band for `HOLD_S`."""
-    away = np.abs(window.values - aim) > BAND_C
-    inside = np.flatnonzero(~away)
+    """Return the first moment from which the tip stays in the band for `HOLD_S`."""
+    outside = np.abs(window.values - aim) > BAND_C
+    inside = np.flatnonzero(~outside)
     for first in inside[np.concatenate(([True], np.diff(inside) > 1))] if len(inside) else ():
-        left = window.seconds[first:][away[first:]]
+        left = window.seconds[first:][outside[first:]]
         until = left[0] if len(left) else window.end_s
         if until - window.seconds[first] >= HOLD_S - 1e-6:
             return float(window.seconds[first])

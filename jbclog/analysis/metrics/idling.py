@@ -1,4 +1,14 @@
-"""."""
+"""The idle tip: its error, its spread and its drift.
+
+Which readings are idle is defined by the verdict (`analysis/verdict/idle.py`), in the same blocks of ten minutes, so these figures
+equal the verdict's. *Idle error* is the mean of temperature minus setting, *idle spread* its standard deviation, *range* its
+highest minus its lowest. *Drift* is the Theil-Sen slope (the median of the slopes between all pairs; H. Theil 1950, P. K. Sen 1968)
+of the means of the idle readings of each `MEAN_S`, per hour; it needs `LEAST_MEANS` of them, `LEAST_DRIFT_S` apart.
+
+Idle readings have no single window: they come from stretches without a gap, and each stretch has to settle anew. `coverage` is the
+share of the run's rows whose temperature was read. A spread below the resolution divided by √12 is that of the resolution, not of
+the tip; it has no value, because the true one may be anything up to it.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +39,7 @@ DECIMALS: Final = 3
 
 
 class Idling:
-    """Idle error, spread, range and drift of a port whose rows are taken window by window."""
+    """Idle error, spread, range and drift of a port whose rows are added window by window."""
 
     def __init__(self, period_s: float) -> None:
         self._period_s = period_s
@@ -38,7 +48,7 @@ class Idling:
         self._cells: list[_Cells] = []
 
     def take(self, series: Series) -> None:
-        """The next rows."""
+        """Add the next rows."""
         if not len(series.seconds):
             return
         held = joined([*self._rows, series])
@@ -55,7 +65,7 @@ class Idling:
             self._cells.append(_cells(seconds, errors))
 
     def figures(self, coverage: float) -> list[Figure]:
-        """Its figures when all rows were taken."""
+        """Return the figures of all rows added."""
         for held in self._rows:
             self._add(held.rows)
         self._rows.clear()
@@ -89,14 +99,14 @@ def _drift(cells: Sequence[_Cells], coverage: float) -> Figure:
 
 
 def _theil_sen(x: Floats, y: Floats) -> float:
-    """The median of the slopes between all pairs, by numpy: scipy.stats takes most of a second to load."""
+    """Return the median of the slopes between all pairs, by numpy: scipy.stats needs most of a second to load."""
     one, other = np.triu_indices(len(x), 1)
     return float(np.median((y[other] - y[one]) / (x[other] - x[one])))
 
 
 @dataclass(frozen=True, slots=True)
 class _Cells:
-    """Of each `MEAN_S` that has idle readings: its number, the sums of their seconds and errors, and how many they are."""
+    """Of each `MEAN_S` that has idle readings: its number, the sums of their seconds and errors, and their number."""
 
     number: Floats
     seconds: Floats
@@ -111,9 +121,9 @@ def _cells(seconds: Floats, errors: Floats) -> _Cells:
 
 
 def _means(cells: Sequence[_Cells]) -> tuple[Floats, Floats]:
-    """The mean moment and error of each."""
+    """Return the mean moment and the mean error of each cell."""
     columns = ([getattr(one, name) for one in cells] for name in ("number", "seconds", "errors", "count"))
     numbers, *sums = (np.concatenate(column) for column in columns)
-    first = np.flatnonzero(np.diff(numbers, prepend=-np.inf))  # one on the edge of two blocks is in both
+    first = np.flatnonzero(np.diff(numbers, prepend=-np.inf))  # a cell on the edge of two blocks is in both
     seconds, errors, count = (np.add.reduceat(column, first) for column in sums)
     return seconds / count, errors / count

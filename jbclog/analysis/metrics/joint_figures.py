@@ -1,9 +1,9 @@
-"""Statistics of a port's joints: count, depth, deficit, dwell, heat, energy and recovery.
+"""Statistics of a port's joints: number, depth, deficit, dwell, heat, energy and recovery.
 
-Recovery is censored: of a joint that was followed by the next, or cut off, only how long it took at the least is known. Its
-median and its 95 % quantile are those of the product-limit estimate (E. L. Kaplan and P. Meier, Journal of the American
-Statistical Association 53, 1958); where the estimate does not come down to that share, the quantile is not known. `n` is how
-many joints have a value, `coverage` their share of all joints.
+Recovery is censored: of a joint that the next one follows, or that is cut off, only a lower bound is known. Median and 95 %
+quantile are those of the product-limit estimate (E. L. Kaplan and P. Meier, Journal of the American Statistical Association 53,
+1958); if the estimate does not reach that share, the quantile is not known. `n` is the number of joints with a value, `coverage`
+their share of all joints.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from jbclog.analysis.joints.figure import Figure, no_figure
-from jbclog.analysis.joints.joints import Found
+from jbclog.analysis.joints.joints import FoundJoints
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import RESOLUTION_C, RESOLUTION_PERMILLE
 from jbclog.analysis.joints.thermal import Delay
@@ -30,43 +30,43 @@ NEVER_AT_REST: Final = "The tip was never seen at rest at a setpoint of these jo
 Value = Callable[[Joint], float | None]
 
 
-def joint_figures(port: Totals, found: Found) -> list[Figure]:
-    """Every figure of the joints of a port."""
+def joint_figures(port: Totals, found: FoundJoints) -> list[Figure]:
+    """Return every figure of the joints of a port."""
     period, heat = port.period_s, RESOLUTION_PERMILLE * port.period_s
     joules = None if port.rated_w is None else heat * port.rated_w / 1000
     return [
         *_counts(port, found),
-        _middle("joint_deficit_c", "°C", RESOLUTION_C, found, lambda joint: joint.deficit_c),
+        _median_figure("joint_deficit_c", "°C", RESOLUTION_C, found, lambda joint: joint.deficit_c),
         _resting_below(found),
-        _middle("joint_depth_c", "°C", RESOLUTION_C, found, lambda joint: joint.depth_c),
-        _middle("joint_dwell_s", "s", period, found, lambda joint: joint.dwell_s),
-        _middle("joint_heat_permille_s", "‰·s", heat, found, lambda joint: joint.heat),
-        _middle("joint_heat_j", "J", joules, found, lambda joint: joint.heat_j),
-        _middle("joint_energy_permille_s", "‰·s", heat, found, lambda joint: joint.energy),
+        _median_figure("joint_depth_c", "°C", RESOLUTION_C, found, lambda joint: joint.depth_c),
+        _median_figure("joint_dwell_s", "s", period, found, lambda joint: joint.dwell_s),
+        _median_figure("joint_heat_permille_s", "‰·s", heat, found, lambda joint: joint.heat),
+        _median_figure("joint_heat_j", "J", joules, found, lambda joint: joint.heat_j),
+        _median_figure("joint_energy_permille_s", "‰·s", heat, found, lambda joint: joint.energy),
         _recovery("recovery_s", HALF, period, found),
         _recovery("recovery_p95_s", NEARLY_ALL, period, found),
         _recovered(found),
-        *_model(found),
+        *_model_figures(found),
     ]
 
 
-def _counts(port: Totals, found: Found) -> list[Figure]:
+def _counts(port: Totals, found: FoundJoints) -> list[Figure]:
     coverage, joints = port.temperature.coverage, found.joints
     unknown = sum(joint.kind != "joint" for joint in joints)
     gap = port.temperature.gap or port.power.gap
     in_gaps = None if gap is None else f"{gap} Joints in gaps are not known."
     why, heat_why = found.why or in_gaps, found.heat_why or found.number_why or in_gaps
-    seen = found.witnessed
+    feeder = found.feeder
     alone = sum(joint.heat is None for joint in joints)
     counts = (
         ("joints", len(joints), why),
         ("joints_kind_not_known", unknown, why),
         ("joints_not_recovered", sum(joint.recovered is False for joint in joints), found.heat_why or why),
         ("joints_by_heat", len(found.by_heat), heat_why),
-        ("joints_by_feeder", None if seen is None else seen.feeds, None),
-        ("joints_fed_alone", None if seen is None else alone, None),
-        ("feeds_without_draw", None if seen is None else seen.feeds_without_draw, heat_why),
-        ("draws_without_feed", None if seen is None else seen.draws_without_feed, heat_why),
+        ("joints_by_feeder", None if feeder is None else feeder.feeds, None),
+        ("joints_fed_alone", None if feeder is None else alone, None),
+        ("feeds_without_draw", None if feeder is None else feeder.feeds_without_draw, heat_why),
+        ("draws_without_feed", None if feeder is None else feeder.draws_without_feed, heat_why),
     )
     beside = f" {len(joints)} were found beside them." if joints and why != found.number_why else ""
     return [
@@ -83,32 +83,32 @@ def _count(name: str, count: int | None, why: str | None, n: int, coverage: floa
     return Figure(name, float(count), "count", n, coverage, 1.0)
 
 
-def _none(found: Found, text: str = "No joint has it.") -> str:
+def _why_none(found: FoundJoints, text: str = "No joint has it.") -> str:
     if found.joints:
         return next((joint.why for joint in found.joints if joint.why), text)
     why = found.why or found.heat_why
     return why or (f"{NONE_FOUND} {not_read(found.unseen_s)}" if found.unseen_s else NONE_FOUND)
 
 
-def _middle(name: str, unit: str, resolution: float | None, found: Found, value: Value) -> Figure:
+def _median_figure(name: str, unit: str, resolution: float | None, found: FoundJoints, value: Value) -> Figure:
     values = [known for joint in found.joints if (known := value(joint)) is not None]
     if not values:
         why = "The station's full-scale power is not declared (rated_power_w in the line file)."
-        return no_figure(name, unit, why if unit == "J" and resolution is None else _none(found))
+        return no_figure(name, unit, why if unit == "J" and resolution is None else _why_none(found))
     return Figure(name, float(np.median(values)), unit, len(values), _share(values, found.joints), resolution)
 
 
-def _resting_below(found: Found) -> Figure:
-    """Where the tip was never seen at rest, that is the reason, whatever else is not known of a joint."""
-    figure = _middle("joint_resting_below_c", "°C", RESOLUTION_C, found, lambda joint: joint.resting_below_c)
+def _resting_below(found: FoundJoints) -> Figure:
+    """Return the figure; a tip that was never at rest is the reason, whatever else is not known of a joint."""
+    figure = _median_figure("joint_resting_below_c", "°C", RESOLUTION_C, found, lambda joint: joint.resting_below_c)
     return figure if figure.value is not None or found.levels or not found.joints else replace(figure, why=NEVER_AT_REST)
 
 
-def _recovery(name: str, share: float, period: float, found: Found) -> Figure:
+def _recovery(name: str, share: float, period: float, found: FoundJoints) -> Figure:
     known = [(joint.recovery_s, True) for joint in found.joints if joint.recovery_s is not None]
     censored = [(joint.had_s, False) for joint in found.joints if joint.recovery_s is None and joint.had_s is not None]
     if not known:
-        return no_figure(name, "s", _none(found))
+        return no_figure(name, "s", _why_none(found))
     value = censored_quantile([*known, *censored], share)
     if value is None:
         late = sum(joint.recovered is False for joint in found.joints)
@@ -119,20 +119,19 @@ def _recovery(name: str, share: float, period: float, found: Found) -> Figure:
     return Figure(name, value, "s", len(known), _share(known, found.joints), period)
 
 
-def _recovered(found: Found) -> Figure:
+def _recovered(found: FoundJoints) -> Figure:
     name = "recovered_before_next_percent"
-    told = [joint.recovered for joint in found.joints if joint.recovered is not None]
-    if not told:
-        return no_figure(name, "%", _none(found))
+    known = [joint.recovered for joint in found.joints if joint.recovered is not None]
+    if not known:
+        return no_figure(name, "%", _why_none(found))
     if found.why is not None:
-        return no_figure(name, "%", found.why, len(told), _share(told, found.joints))
-    return Figure(name, 100.0 * sum(told) / len(told), "%", len(told), _share(told, found.joints), 100.0 / len(told))
+        return no_figure(name, "%", found.why, len(known), _share(known, found.joints))
+    return Figure(name, 100.0 * sum(known) / len(known), "%", len(known), _share(known, found.joints), 100.0 / len(known))
 
 
-def _model(found: Found) -> list[Figure]:
-    """The tip's own heat capacity and loss and the temperature's delay, their resolution twice the standard uncertainty.
-
-    Only where there was one tool.
+def _model_figures(found: FoundJoints) -> list[Figure]:
+    """Return the tip's heat capacity and loss and the delay of its temperature, if there was one tool; resolution: two standard
+    errors.
     """
     names = (("tip_capacity_permille_s_per_k", "‰·s/K"), ("tip_loss_permille_per_k", "‰/K"))
     model = found.model

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 from jbclog.analysis.joints.figure import Figure, no_figure
-from jbclog.analysis.joints.joints import Found, find_joints
-from jbclog.analysis.joints.parameters import Asked
+from jbclog.analysis.joints.joints import FoundJoints, find_joints
+from jbclog.analysis.joints.parameters import JointOptions
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.joints.solder_wire import Wire, wire_figures
@@ -30,10 +30,10 @@ NOT_OF: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """The metrics of a port and the joints that some of them rest on."""
+    """The metrics of a port, and the joints that some of them come from."""
 
     figures: list[Figure]
-    found: Found | None = None
+    found: FoundJoints | None = None
 
     @property
     def joints(self) -> list[Joint]:
@@ -41,22 +41,22 @@ class Measured:
 
 
 class PortFigures:
-    """The figures of a port that rest on its rows, which are taken window by window."""
+    """The figures of a port that come from its rows, which are added window by window."""
 
     def __init__(self, like: Series) -> None:
-        """`like` has the port's period, its rated power and when it was ordered to work; none of its rows is taken."""
+        """`like` has the port's period, its rated power and when it was ordered to work; its rows are not used."""
         self.like = like
         self._totals, self._heating, self._idling = totals_of(like), Heating(like.period_s, like.ordered_s), Idling(like.period_s)
 
     def take(self, view: View) -> None:
-        """The next window; each row is in one of them."""
+        """Add the next window; each row is in one of them."""
         own = view.own_rows
         self._totals.take(own)
         self._heating.take(view)
         self._idling.take(own)
 
-    def measured(self, kind: str, found: Found | None, wire: Sequence[Figure]) -> Measured:
-        """Every metric, when all rows were taken."""
+    def measured(self, kind: str, found: FoundJoints | None, wire: Sequence[Figure]) -> Measured:
+        """Return every metric, once all rows are added."""
         totals, joints = self._totals, None if found is None or found.why else found.joints
         figures = [*self._heating.figures(), *self._idling.figures(totals.temperature.coverage), *energy(totals, joints)]
         if found is not None:
@@ -64,27 +64,27 @@ class PortFigures:
         return Measured(_in_order(figures, kind, found), found)
 
 
-def measure_port(series: Series, kind: str, wire: Wire | None = None, asked: Asked | None = None) -> Measured:
-    """Every metric of a port whose tool is a ``tip``, hot ``air`` or an ``omega``; joints as the recipe asks for them."""
+def measure_port(series: Series, kind: str, wire: Wire | None = None, options: JointOptions | None = None) -> Measured:
+    """Return every metric of a port whose tool is a ``tip``, hot ``air`` or an ``omega``; `options` are those for its joints."""
     if kind == "omega":
         return nothing_measured()
-    found = find_joints(series, asked) if kind == "tip" else None
+    found = find_joints(series, options) if kind == "tip" else None
     port = PortFigures(series)
     port.take(whole(series))
     return port.measured(kind, found, [] if found is None else wire_figures(series, wire, found.joints))
 
 
 def nothing_measured() -> Measured:
-    """Of a tool that tells neither temperature nor power."""
+    """Return the metrics of a tool that reports neither temperature nor power: none has a value."""
     return Measured([no_figure(one.name, one.unit, NOT_OF["omega"]) for one in DEFINITIONS])
 
 
 class PortMeasuring:
-    """A port without a feeder in its sweeps, as `PortSweeps`; then it is `measured`."""
+    """The sweeps over a port without a feeder, as `PortSweeps`; then its metrics are `measured`."""
 
-    def __init__(self, kind: str, like: Series, asked: Asked) -> None:
+    def __init__(self, kind: str, like: Series, options: JointOptions) -> None:
         self._kind, self._figures = kind, PortFigures(like)
-        self._joints = PortSweeps(asked, beside=self._figures.take) if kind == "tip" else None
+        self._joints = PortSweeps(options, observe=self._figures.take) if kind == "tip" else None
         self._steps = iter([] if kind == "omega" else [Windows(self._figures.take)])
 
     def next_sweep(self) -> Windows | None:
@@ -99,7 +99,7 @@ class PortMeasuring:
         return self._figures.measured(self._kind, found, wire)
 
 
-def _in_order(figures: list[Figure], kind: str, found: Found | None) -> list[Figure]:
+def _in_order(figures: list[Figure], kind: str, found: FoundJoints | None) -> list[Figure]:
     by_name = {figure.name: figure for figure in figures}
     why = NOT_OF[kind] if found is None or found.why is None else found.why
     return [by_name.get(one.name) or no_figure(one.name, one.unit, why) for one in DEFINITIONS]

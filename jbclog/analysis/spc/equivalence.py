@@ -62,18 +62,18 @@ def equivalence_of(first: Mean, second: Mean, margin: float) -> Equivalence:
     def half(alpha: float) -> float:
         return hypot(first.half(1 - 2 * alpha), second.half(1 - 2 * alpha))
 
-    room = margin - abs(difference)
-    chance = _chance(half, abs(room))
+    slack = margin - abs(difference)
+    chance = _chance(half, abs(slack))
     half_width = half(ALPHA)
-    return Equivalence(difference, difference - half_width, difference + half_width, margin, chance if room > 0 else 1 - chance)
+    return Equivalence(difference, difference - half_width, difference + half_width, margin, chance if slack > 0 else 1 - chance)
 
 
-def _chance(half: Callable[[float], float], room: float) -> float:
-    """The one-sided chance at which half of the interval is as wide as `room`."""
+def _chance(half: Callable[[float], float], slack: float) -> float:
+    """The one-sided chance at which half of the interval is as wide as `slack`."""
     low, high = 0.0, 0.5
     for _ in range(HALVINGS):
         middle = (low + high) / 2
-        low, high = (middle, high) if half(middle) > room else (low, middle)
+        low, high = (middle, high) if half(middle) > slack else (low, middle)
     return high
 
 

@@ -22,7 +22,7 @@ from jbclog.analysis.spc.nelson import TESTS, signals
 CLEARLY: Final = 10.0  # BIC; "very strong" of Kass and Raftery 1995
 APART: Final = 2.0
 LEAST_SHARE: Final = 0.05  # fewer are outliers
-STEPS: Final = 200
+MOST_ROUNDS: Final = 200
 LEAST_POINTS = 20  # for limits of a chart; fewer are guesses (Montgomery: 20 to 25)
 LEAST_FOR_CAPABILITY = 30  # at which the lower bound of a Cpk of 1.33 is 1.03
 MOST_LAG_1 = 0.3
@@ -99,9 +99,9 @@ def unstable(chart: Chart, distances: Floats) -> Refused | None:
     `distances`: how far each point certainly is from the centre; 0 where it may be on either side, as a rounded value may.
     """
     n, zones = len(distances), distances / chart.sigma
-    farthest = float(np.abs(zones).max())
-    if ndtr(-farthest) * 2 * n < BY_CHANCE:
-        text = f"The process is not stable: a point of {n} is {farthest:.1f} sigma from the centre"
+    furthest = float(np.abs(zones).max())
+    if ndtr(-furthest) * 2 * n < BY_CHANCE:
+        text = f"The process is not stable: a point of {n} is {furthest:.1f} sigma from the centre"
         return Refused("unstable", f"{text}; an index would describe no process that exists.")
     sides = zones[zones != 0]
     return _too_often(1, zones, BEYOND_3) or _too_often(2, sides, rate_of_nine(sides))
@@ -109,7 +109,7 @@ def unstable(chart: Chart, distances: Floats) -> Refused | None:
 
 def _too_often(number: int, zones: Floats, rate: float) -> Refused | None:
     """More signals of one of Nelson's tests than its rate explains."""
-    seen = _occasions([one.last for one in signals(zones, (number,))])
+    seen = _count_runs([one.last for one in signals(zones, (number,))])
     if not seen or pdtrc(seen - 1, rate * len(zones)) >= BY_CHANCE:
         return None
     text = f"The process is not stable: {TESTS[number - 1].text}, {seen} time{'s' * (seen > 1)} in {len(zones)} points"
@@ -127,7 +127,7 @@ def rate_of_nine(sides: Floats) -> float:
     return above**9 * below + below**9 * above
 
 
-def _occasions(places: list[int]) -> int:
+def _count_runs(places: list[int]) -> int:
     """How often a pattern began; one that goes on from point to point is one."""
     return sum(before is None or place > before + 1 for before, place in zip([None, *places], places, strict=False))
 
@@ -152,7 +152,7 @@ def shifted(points: Floats) -> Refused | None:
 
 
 def mixed(points: Floats, fit: Fit, resolution: float | None) -> Refused | None:
-    """Two processes in one series."""
+    """TwoPopulations processes in one series."""
     two = two_populations(points, fit, resolution)
     if two is None:
         return None
@@ -195,7 +195,7 @@ def anderson_darling_chance(points: Floats) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Two:
+class TwoPopulations:
     """Both means and standard deviations, and the share of the first in all values."""
 
     means: tuple[float, float]
@@ -203,7 +203,7 @@ class Two:
     share: float
 
 
-def two_populations(values: Floats, one: Fit, resolution: float | None = None) -> Two | None:
+def two_populations(values: Floats, one: Fit, resolution: float | None = None) -> TwoPopulations | None:
     """The two populations, where they explain the values clearly better than the one distribution."""
     n, ordered = len(values), np.sort(values)
     floor = max(0.1 * float(values.std()), (resolution or 0.0) / sqrt(12))
@@ -216,7 +216,7 @@ def two_populations(values: Floats, one: Fit, resolution: float | None = None) -
     return found if mixed + CLEARLY < min(even, one.bic(values)) else None
 
 
-def _mixture(ordered: Floats, floor: float) -> tuple[Two, float]:
+def _mixture(ordered: Floats, floor: float) -> tuple[TwoPopulations, float]:
     """The likeliest mixture of two, and the logarithm of its likelihood; from the gap that parts the values best."""
     n = len(ordered)
     counts = np.arange(1, n)
@@ -226,7 +226,7 @@ def _mixture(ordered: Floats, floor: float) -> tuple[Two, float]:
     weight = np.zeros((2, n))
     weight[0, :cut] = weight[1, cut:] = 1.0
     last = -np.inf
-    for _ in range(STEPS):
+    for _ in range(MOST_ROUNDS):
         share = np.maximum(weight.sum(axis=1), 1e-9)
         means = (weight @ ordered) / share
         sds = np.maximum(np.sqrt((weight * (ordered - means[:, np.newaxis]) ** 2).sum(axis=1) / share), floor)
@@ -238,5 +238,5 @@ def _mixture(ordered: Floats, floor: float) -> tuple[Two, float]:
         if likelihood - last < 1e-6 * n:
             break
         last = likelihood
-    two = Two((float(means[0]), float(means[1])), (float(sds[0]), float(sds[1])), float(share[0] / n))
+    two = TwoPopulations((float(means[0]), float(means[1])), (float(sds[0]), float(sds[1])), float(share[0] / n))
     return two, likelihood

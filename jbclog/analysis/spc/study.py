@@ -49,7 +49,7 @@ def control_chart(
     Limits are those of the distribution that fits, of a normal one where none does: what is unstable has none, and shows.
     `resolution` is the least step of the values, in their unit. Raises `UsageError` where a value is infinite.
     """
-    points = _known(values)
+    points = _known_values(values)
     refused = first_refusal(
         (
             lambda: too_few(len(points), LEAST_POINTS, "values"),
@@ -83,7 +83,7 @@ def phase_one(values: ArrayLike, *, resolution: float | None = None) -> Chart | 
 
     Raises `UsageError` where a value is infinite.
     """
-    points = _known(values)
+    points = _known_values(values)
     fit = _stable(points, resolution)
     if isinstance(fit, Refused):
         return fit
@@ -119,7 +119,7 @@ def capability(
         raise UsageError("capability is held against limits: state a lower or an upper one, or both")
     if lower is not None and upper is not None and lower >= upper:
         raise UsageError(f"the lower limit {lower:g} is not below the upper limit {upper:g}")
-    points = _known(values)
+    points = _known_values(values)
     fit = _stable(points, resolution)
     if isinstance(fit, Refused):
         return fit
@@ -160,7 +160,7 @@ def probability_plot(values: ArrayLike, *, resolution: float | None = None) -> P
 
     Raises `UsageError` where there are fewer than two values, or one is infinite.
     """
-    points = np.sort(_known(values))
+    points = np.sort(_known_values(values))
     if len(points) < 2:
         raise UsageError(f"a probability plot takes at least two values, not {len(points)}")
     ranks = np.asarray(ndtri((np.arange(1, len(points) + 1) - 0.375) / (len(points) + 0.25)))
@@ -193,7 +193,7 @@ def _step(points: Floats, resolution: float | None) -> float | None:
     return float(np.diff(distinct).min())
 
 
-def _known(values: ArrayLike) -> Floats:
+def _known_values(values: ArrayLike) -> Floats:
     """The values that are known, in their order; NaN is one that is not."""
     points = np.asarray(values, dtype=np.float64)
     if points.ndim != 1:

@@ -10,8 +10,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pytest
 
-from jbclog.analysis.joints.joints import Found, find_joints
-from jbclog.analysis.joints.parameters import Asked
+from jbclog.analysis.joints.joints import FoundJoints, find_joints
+from jbclog.analysis.joints.parameters import JointOptions
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.run_metrics import joint_count, joints_and_metrics
@@ -62,7 +62,7 @@ def test_while_it_goes_on_the_feeder_is_a_witness_too(monkeypatch: pytest.Monkey
     assert any(row["wire_decides"] for row in joints_and_metrics(run)[2])
     seen: list[bool] = []
 
-    def looked(series: Series, asked: Asked | None = None) -> Found:
+    def looked(series: Series, asked: JointOptions | None = None) -> FoundJoints:
         seen.append(find_joints(series, asked).by_wire)
         return find_joints(series, asked)
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from jbclog.analysis.joints.delay import LEAST_S, delay_of
-from jbclog.analysis.joints.heat_up_end import readied
-from jbclog.analysis.joints.joints import Found, find_joints
+from jbclog.analysis.joints.heat_up_end import ready_stretches
+from jbclog.analysis.joints.joints import FoundJoints, find_joints
 from jbclog.analysis.joints.series import Series, stretches
 from jbclog.analysis.joints.thermal import Delay
 from jbclog.analysis.metrics.measures import measure_port
@@ -24,10 +24,10 @@ def in_time() -> Series:
 
 
 def found_delay(series: Series) -> Delay:
-    return delay_of(readied(stretches(series)))
+    return delay_of(ready_stretches(stretches(series)))
 
 
-def edges(found: Found) -> tuple[float, float]:
+def edges(found: FoundJoints) -> tuple[float, float]:
     """How much later than they were the joints begin and end, in the median."""
     assert len(found.joints) == len(CONTACTS)
     pairs = zip(found.joints, CONTACTS, strict=True)

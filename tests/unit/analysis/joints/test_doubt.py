@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from jbclog.analysis.joints import joints as finding
-from jbclog.analysis.joints.doubt import MOST_DOUBT, MOST_DOUBT_SLOW, Doubt, _same, why_not_known
+from jbclog.analysis.joints.doubt import MOST_DOUBT, MOST_DOUBT_SLOW, Doubt, _count_same, why_not_known
 from jbclog.analysis.joints.draws import Draw
 from jbclog.analysis.joints.figure import Figure
-from jbclog.analysis.joints.joints import Found, find_joints
-from jbclog.analysis.joints.parameters import Asked
+from jbclog.analysis.joints.joints import FoundJoints, find_joints
+from jbclog.analysis.joints.parameters import JointOptions
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.metrics.measures import measure_port
 from support.plants.scripted_tip import soldered
@@ -36,11 +36,11 @@ def faint() -> Series:
     return replace(loud, rows=replace(rows, temperature=temperature, power=power))
 
 
-def figures(series: Series, asked: Asked | None = None) -> dict[str, Figure]:
-    return {one.name: one for one in measure_port(series, "tip", asked=asked).figures}
+def figures(series: Series, asked: JointOptions | None = None) -> dict[str, Figure]:
+    return {one.name: one for one in measure_port(series, "tip", options=asked).figures}
 
 
-def doubt(found: Found) -> Doubt:
+def doubt(found: FoundJoints) -> Doubt:
     assert found.doubt is not None
     return found.doubt
 
@@ -92,18 +92,18 @@ def test_a_long_contact_at_a_slow_rate_may_be_several() -> None:
 def test_a_feeder_that_decides_needs_no_number_by_heat(faint: Series, monkeypatch: pytest.MonkeyPatch) -> None:
     at = faint.seconds
     fed = replace(faint, feeding=((at % 5 >= 0.3) & (at % 5 < 0.9) & (at > 15) & (at < 115)).astype(float))
-    found = find_joints(fed, Asked(wire_decides=True))
+    found = find_joints(fed, JointOptions(wire_decides=True))
     assert (found.by_wire, found.why, len(found.joints)) == (True, None, 20)
     assert found.number_why is not None, "of heat alone"
     monkeypatch.setattr(finding, "why_not_known", lambda *_: None)
-    assert find_joints(fed, Asked(wire_decides=True)).number_why is None
+    assert find_joints(fed, JointOptions(wire_decides=True)).number_why is None
 
 
 def test_draws_are_the_same_where_they_overlap_for_half_of_the_shorter() -> None:
     def draws(*spans: tuple[float, float]) -> list[Draw]:
         return [Draw(start, end, end - start, 100.0, 300.0, 1, 0.9) for start, end in spans]
 
-    assert _same(draws((1, 2), (5, 6)), draws((1.4, 2.4), (5.6, 6.6))) == 1
-    assert _same(draws((1, 4)), draws((1, 2), (3, 4))) == 1
-    assert _same(draws((1, 2), (3, 4)), draws((1, 4))) == 1
-    assert _same(draws(), draws((1, 4))) == 0
+    assert _count_same(draws((1, 2), (5, 6)), draws((1.4, 2.4), (5.6, 6.6))) == 1
+    assert _count_same(draws((1, 4)), draws((1, 2), (3, 4))) == 1
+    assert _count_same(draws((1, 2), (3, 4)), draws((1, 4))) == 1
+    assert _count_same(draws(), draws((1, 4))) == 0

@@ -11,8 +11,8 @@ import pytest
 from jbclog.analysis.joints.evidence import feeds_of
 from jbclog.analysis.joints.feed_events import feed_events
 from jbclog.analysis.joints.figure import Figure
-from jbclog.analysis.joints.joints import Found, find_joints
-from jbclog.analysis.joints.parameters import Asked
+from jbclog.analysis.joints.joints import FoundJoints, find_joints
+from jbclog.analysis.joints.parameters import JointOptions
 from jbclog.analysis.joints.port_rows import cycles_of
 from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.metrics.measures import measure_port
@@ -41,8 +41,8 @@ def figures(series: Series) -> dict[str, Figure]:
     return {one.name: one for one in measure_port(series, "tip").figures}
 
 
-def counts(found: Found) -> tuple[int, int | None, int, int]:
-    seen = found.witnessed
+def counts(found: FoundJoints) -> tuple[int, int | None, int, int]:
+    seen = found.feeder
     assert seen is not None
     return seen.feeds, seen.counted, seen.feeds_without_draw, seen.draws_without_feed
 
@@ -118,7 +118,7 @@ def test_a_draw_of_which_the_counter_says_that_it_had_no_feed_is_told() -> None:
 
 def test_two_feeds_in_one_draw_are_two_joints_cut_where_the_flow_is_lowest() -> None:
     contacts = [(start, start + 1.0) for start in (15.0, 17.0, 19.0, 21.0, 22.5, 24.5, 26.5)]
-    asked, feeds = Asked(merge_gap_s=0.8), [(start + 0.2, start + 0.6) for start, _ in contacts]
+    asked, feeds = JointOptions(merge_gap_s=0.8), [(start + 0.2, start + 0.6) for start, _ in contacts]
     series = soldered(contacts, 40.0)
     assert len(find_joints(series, asked).joints) == 6
     found = find_joints(witnessed(series, feeds, [end for _, end in feeds]), asked)
@@ -159,14 +159,14 @@ def test_where_heat_cannot_tell_the_feeder_does_and_that_is_said() -> None:
     assert (found["joints"].value, found["joints_fed_alone"].value, found["joints_by_feeder"].value) == (18, 18, 18)
     assert found["joints_by_heat"].value is None
     assert found["recovery_s"].value is None
-    asked = find_joints(witnessed(series, FEEDS, None), Asked(wire_decides=False))
+    asked = find_joints(witnessed(series, FEEDS, None), JointOptions(wire_decides=False))
     assert (asked.joints, asked.why) == ([], asked.heat_why)
 
 
 def test_joints_are_held_against_the_counter_by_heat_alone() -> None:
     """Half of the feeds have no draw; that the feeder made joints of them keeps no limit."""
     series = fed([], [end for _, end in FEEDS], STARTS[::2])
-    found = find_joints(series, Asked(wire_decides=True))
+    found = find_joints(series, JointOptions(wire_decides=True))
     assert len(found.joints) == 18
     against = feeds_of(series, found.by_heat)
     assert (against.found, against.counted) == (9, 18)

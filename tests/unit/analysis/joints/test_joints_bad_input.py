@@ -9,7 +9,7 @@ import pytest
 
 from jbclog.analysis.joints.figure import Figure
 from jbclog.analysis.joints.joints import find_joints
-from jbclog.analysis.joints.parameters import Asked
+from jbclog.analysis.joints.parameters import JointOptions
 from jbclog.analysis.joints.series import Series
 from jbclog.analysis.metrics.measures import measure_port
 from support.plants.scripted_tip import after, soldered
@@ -122,10 +122,10 @@ def test_a_line_that_never_rests_never_recovers(length: float, gap: float) -> No
 def test_what_a_recipe_asks_for() -> None:
     series = soldered([(15.0, 15.4), (20.0, 21.0), (21.4, 22.4), (30.0, 31.0)], 45.0)
     assert len(find_joints(series).joints) == 4
-    assert len(find_joints(series, Asked(least_dwell_s=0.7)).joints) == 3
-    assert len(find_joints(series, Asked(merge_gap_s=0.8)).joints) == 3
+    assert len(find_joints(series, JointOptions(least_dwell_s=0.7)).joints) == 3
+    assert len(find_joints(series, JointOptions(merge_gap_s=0.8)).joints) == 3
     assert find_joints(series).asked.least_dwell_s == 0.25  # what was taken is said
-    narrow, wide = (find_joints(series, Asked(recovered_within_c=within)).joints[-1] for within in (1.0, 20.0))
+    narrow, wide = (find_joints(series, JointOptions(recovered_within_c=within)).joints[-1] for within in (1.0, 20.0))
     assert (narrow.recovery_s or 99.0) > (wide.recovery_s or 0.0)
 
 
@@ -136,5 +136,5 @@ def test_wire_decides_by_what_the_recipe_says() -> None:
     fed = replace(series, feeding=few)
     assert not find_joints(fed).by_wire  # a quarter of them: the feeder is not what makes the joints
     assert len(find_joints(fed).joints) == 20
-    asked = find_joints(fed, Asked(wire_decides=True))
+    asked = find_joints(fed, JointOptions(wire_decides=True))
     assert (asked.by_wire, [joint.kind for joint in asked.joints]) == (True, ["joint"] * 5 + ["not known"] * 15)

@@ -225,7 +225,7 @@ def test_wire_decides_where_a_feeder_tells() -> None:
     assert [joint.kind for joint in others] == ["joint"] * 10 + ["not known"] * 8  # without wire they may as well be wipes
     assert (alone.kind, alone.dwell_s, alone.recovered, alone.deficit_c) == ("not known", None, None, None)
     assert "feeder" in str(alone.why)
-    seen = found.witnessed
+    seen = found.feeder
     assert seen is not None
     assert (seen.feeds, seen.feeds_without_draw, seen.draws_without_feed) == (11, 1, 8)
     silent = find_joints(replace(series, feeding=np.zeros(len(series.seconds))))

@@ -14,9 +14,9 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
-from jbclog.analysis.joints.heat_up_end import Readied, continued, readied
-from jbclog.analysis.joints.joints import Found, find_joints
-from jbclog.analysis.joints.parameters import Asked
+from jbclog.analysis.joints.heat_up_end import ReadyStretch, ready_stretches, ready_stretches_of_window
+from jbclog.analysis.joints.joints import FoundJoints, find_joints
+from jbclog.analysis.joints.parameters import JointOptions
 from jbclog.analysis.joints.series import Series, Stretch
 from jbclog.analysis.joints.sweeps import joints_in
 from jbclog.analysis.joints.windows import WINDOW_S, rows_of
@@ -57,7 +57,7 @@ def in_pieces(series: Series, cuts: list[int]) -> Iterator[Series]:
     return (rows_of(series, slice(first, last)) for first, last in pairwise(places))
 
 
-def numbers(found: Found) -> list[float]:
+def numbers(found: FoundJoints) -> list[float]:
     """Every number of every joint, draw and level; what is not known as -1, and what is text by itself."""
     joints = [one for joint in found.joints for one in asdict(joint).values() if not isinstance(one, dict | str)]
     draws = [value for draw in [*(j.draw for j in found.joints), *found.others] for value in asdict(draw).values()]
@@ -66,7 +66,7 @@ def numbers(found: Found) -> list[float]:
     return [-1.0 if one is None else float(one) for one in every if not isinstance(one, str)]
 
 
-def texts(found: Found) -> list[str | None]:
+def texts(found: FoundJoints) -> list[str | None]:
     return [found.why, found.heat_why, *(text for joint in found.joints for text in (joint.why, joint.draw.cut, joint.kind))]
 
 
@@ -98,7 +98,7 @@ def test_a_draw_longer_than_a_window_is_one_joint_and_keeps_its_heat() -> None:
 
 
 def test_what_is_asked_for_holds() -> None:
-    series, asked = record("dense"), Asked(least_dwell_s=1.1, recovered_within_c=8.0)
+    series, asked = record("dense"), JointOptions(least_dwell_s=1.1, recovered_within_c=8.0)
     assert numbers(joints_in(lambda: [series], asked, 61.0)) == pytest.approx(numbers(find_joints(series, asked)), rel=1e-6)
 
 
@@ -115,10 +115,10 @@ def test_a_tool_that_left_its_port_before_the_window_is_still_out_of_it() -> Non
 def test_a_tip_that_never_gets_near_its_setpoint_stays_ready_in_the_next_window() -> None:
     at = np.arange(600) / 10
     swings = Stretch(0.1, at, 200.0 + 1.8 * at, np.full(600, 900.0), np.full(600, 350.0))
-    before = Readied(swings, np.ones(600, dtype=np.bool_))
+    before = ReadyStretch(swings, np.ones(600, dtype=np.bool_))
     following = swings.take(slice(300, 600))
-    assert not readied([following])[0].ready.any()
-    assert continued([following], [before])[0].ready.all()
+    assert not ready_stretches([following])[0].ready.any()
+    assert ready_stretches_of_window([following], [before])[0].ready.all()
 
 
 def test_of_a_port_without_rows_nothing_is_known() -> None:
