@@ -1,4 +1,4 @@
-"""What every figure has: panels at places in points, round times, labels at the right edge, rectangles, dots and bands."""
+"""Parts of every figure: panels placed in points, ticks, labels at the right edge, rectangles, dots and bars."""
 
 from __future__ import annotations
 
@@ -26,29 +26,29 @@ LETTER: Final = 0.62  # width of a letter, in font sizes
 
 
 def panel(figure: Figure, left: float, top: float, width: float, height: float) -> Axes:
-    """Add a panel; its place counts in points from the upper left corner."""
+    """Add a panel to a figure; its place and size are in points from the upper left corner."""
     wide, high = figure.get_size_inches() * 72
     axes = figure.add_axes((left / wide, 1 - (top + height) / high, width / wide, height / high))
     axes.set_autoscale_on(False)
     axes.patch.set_visible(False)
     for axis in (axes.xaxis, axes.yaxis):
-        axis.set_label_coords(0, 0)  # there are no axis labels; searching a place for them takes a fifth of the time
+        axis.set_label_coords(0, 0)  # no axis labels: placing them takes a fifth of the time
     return axes
 
 
 def size_pt(axes: Axes) -> tuple[float, float]:
-    """Return width and height of a panel."""
+    """Return width and height of a panel in points."""
     return axes.bbox.width / _dot_pt(axes), axes.bbox.height / _dot_pt(axes)
 
 
 def _dot_pt(axes: Axes) -> float:
-    """Return how many pixels a point has."""
+    """Return the number of pixels in a point."""
     figure = axes.get_figure(root=True)
     return 1.0 if figure is None else figure.dpi / 72
 
 
 def ticked(axes: Axes, places: Floats, labels: Sequence[str], *, is_lowest: bool) -> None:
-    """Set the ticks of the x axis; panels above the lowest have only their grid, as one line, which is four times as fast."""
+    """Set the ticks of the x axis; panels above the lowest get only a grid, as one line, which is four times as fast."""
     if is_lowest:
         axes.set_xticks(places, labels)
         return
@@ -63,7 +63,7 @@ def valued(axes: Axes, values: Sequence[float]) -> None:
 
 
 def labelled(axes: Axes, labels: Sequence[Label], points: float) -> None:
-    """Write texts beside the right edge at the height of their values, pushed apart until none covers another."""
+    """Write texts beside the right edge at the height of their values, moved apart so that none covers another."""
     wide, high = size_pt(axes)
     ordered = sorted(labels)
     wished = [float(y) * high for y in _share_of_height(axes, [value for value, _, _ in ordered])]
@@ -73,7 +73,7 @@ def labelled(axes: Axes, labels: Sequence[Label], points: float) -> None:
 
 
 def _share_of_height(axes: Axes, values: Sequence[float]) -> Floats:
-    """Return where values lie, from 0 at the foot to 1 at the top."""
+    """Return the height of values in the panel, from 0 at the bottom to 1 at the top."""
     if not len(values):
         return np.empty(0)
     left = axes.get_xlim()[0]
@@ -89,14 +89,14 @@ def rectangles(to: Axes | Figure, places: Iterable[tuple[float, float, float, fl
 
 
 def dots(axes: Axes, x: ArrayLike, y: ArrayLike, points: float, colour: str, of: str) -> None:
-    """Draw a square of so many points at each place that is known, also as one patch."""
+    """Draw a square of this size in points at each known place, all as one patch."""
     places = np.column_stack([np.asarray(x, dtype=np.float64), np.asarray(y, dtype=np.float64)])
     known = places[~np.isnan(places).any(axis=1)]
     if not len(known):
         return
     corners = axes.transData.transform(known)[:, None, :] + points * _dot_pt(axes) * SQUARE
     inside = axes.transData.inverted().transform(corners.reshape(-1, 2)).reshape(-1, 5, 2)
-    _add(axes, inside, of, {"facecolor": colour, "zorder": 2.4, "clip_on": False})  # whole also at the edge
+    _add(axes, inside, of, {"facecolor": colour, "zorder": 2.4, "clip_on": False})  # also complete at the edge
 
 
 def _add(to: Axes | Figure, corners: Floats, of: str, look: dict[str, Any]) -> None:
@@ -106,7 +106,7 @@ def _add(to: Axes | Figure, corners: Floats, of: str, look: dict[str, Any]) -> N
 
 
 def bars(axes: Axes, x: ArrayLike, low: ArrayLike, high: ArrayLike, of: str, **look: Any) -> None:
-    """Draw an upright line at each place, all as one line with breaks."""
+    """Draw a vertical line at each place, all as one line with breaks."""
     at = np.asarray(x, dtype=np.float64)
     ends = np.column_stack([np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64), np.full(len(at), np.nan)])
     if len(at):

@@ -1,6 +1,6 @@
-"""Figures as objects of matplotlib in one style, and as SVG. Never pyplot: it keeps figures for the whole process.
+"""Figures as matplotlib objects in one style, and as SVG. Never pyplot, which keeps figures for the whole process.
 
-The style is matplotlib's defaults and `figures.mplstyle` over them, so that a user's matplotlibrc changes nothing in a report.
+The style is matplotlib's defaults plus `figures.mplstyle`, so a user's matplotlibrc does not change a report.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ DEFAULT_STYLE_ENDS: Final = "</defs>"
 SHORTER: Final = (
     (re.compile(r"</?g[^>]*>"), ""),
     (re.compile(r' transform="rotate\(-?0 [^"]*\)"'), ""),
-    (re.compile(r"font-family: [^;\"]*(; )?"), ""),  # the root element has it
+    (re.compile(r"font-family: [^;\"]*(; )?"), ""),  # the root element has the font
     (re.compile(r">\s+<"), ">\n<"),
-    (re.compile(r"xlink:href"), "href"),  # without a namespace, as SVG 2 has it
+    (re.compile(r"xlink:href"), "href"),  # SVG 2 needs no namespace
 )
 PATH: Final = re.compile(r' d="([^"]*)"')
 LATER_DIGITS: Final = re.compile(r"(?<=\.\d\d)\d+")
@@ -46,12 +46,12 @@ def _style() -> dict[Any, Any]:
 
 
 def drawn_by() -> str:
-    """Return the name and version of what draws: another version may give other bytes."""
+    """Return the name and version of the drawing library: another version may give other bytes."""
     return f"matplotlib {__version__}"
 
 
 def new_figure(width_pt: float, height_pt: float, dpi: float = 72) -> Figure:
-    """Return an empty figure of this size; `dpi` is that of a picture in pixels."""
+    """Return an empty figure of this size in points; `dpi` is for a picture in pixels."""
     return Figure(figsize=(width_pt / 72, height_pt / 72), dpi=dpi)
 
 
@@ -63,7 +63,7 @@ def svg_text(figure: Figure) -> str:
 
 
 def svg_body(figure: Figure) -> str:
-    """Return the drawing from its viewBox to the end of the element, without what only editors read: groups, ids and defaults."""
+    """Return the SVG from its viewBox to the end of the element, without what only editors need: groups, ids and defaults."""
     text = StringIO()
     with styled(), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # letters that the font lacks: the reader's fonts have them

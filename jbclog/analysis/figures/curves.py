@@ -1,7 +1,7 @@
-"""Curves and spans as they are drawn: every excursion kept, nothing joined across a gap.
+"""Curves and spans as they are drawn: every excursion is kept, and nothing is joined across a gap.
 
-A run of eight hours has 288 000 samples a port and a page some 900 columns. The samples are cut into stretches of equal time;
-of each the curve keeps its least, its greatest and its mean value.
+A run of eight hours has 288 000 samples a port, and a page some 900 columns. The samples are divided into stretches of equal time;
+the curve keeps the minimum, the maximum and the mean of each.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ Floats = NDArray[np.float64]
 
 
 def dates(t0_utc_us: int, seconds: ArrayLike) -> Floats:
-    """Return seconds of a run as matplotlib counts time: days since 1970, UTC."""
+    """Return seconds of a run as matplotlib dates: days since 1970, UTC."""
     return (t0_utc_us / 1e6 + np.asarray(seconds, dtype=np.float64)) / 86400
 
 
 @dataclass(frozen=True, slots=True)
 class Envelope:
-    """A curve to draw. NaN breaks the line. `low`, `high` and `mean` are the same array where nothing was left out."""
+    """A curve to draw; NaN breaks the line. `low`, `high` and `mean` are the same array if every sample is in the curve."""
 
     seconds: Floats
     low: Floats
@@ -66,12 +66,12 @@ def _broken(middle: Floats, low: Floats, high: Floats, mean: Floats, gaps: NDArr
 
 
 def _insert(values: Floats, gaps: NDArray[np.int64], times: Floats | None) -> Floats:
-    """Insert a point behind the first edge of each gap: NaN, or for times the edge itself."""
+    """Insert a point after the first edge of each gap: NaN, or for times the edge itself."""
     return np.insert(values, gaps + 1, np.nan if times is None else times[gaps])
 
 
 def lone(curve: Envelope) -> Envelope:
-    """Return the points without a neighbour on either side, which no line reaches: they are drawn as dots."""
+    """Return the points without a neighbour on either side: no line reaches them, so they are drawn as dots."""
     absent = np.isnan(curve.mean)
     before, after = np.append(True, absent[:-1]), np.append(absent[1:], True)
     alone = ~absent & before & after
@@ -80,7 +80,7 @@ def lone(curve: Envelope) -> Envelope:
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """From `start` to `end`, in seconds of the run, with the word for what held."""
+    """A time from `start` to `end` in seconds of the run, with the word for its state."""
 
     start: float
     end: float
@@ -92,7 +92,7 @@ class Span:
 
 
 def runs(seconds: Floats, words: Sequence[str | None] | NDArray[np.object_], period_s: float) -> list[Span]:
-    """Return runs of samples with the same word; None and a missing tick end a span. Each lasts to the tick after its last."""
+    """Return runs of samples with the same word; None and a missing tick end a run. Each lasts to the tick after its last."""
     codes, names = _coded(words)
     if not len(codes):
         return []
@@ -107,7 +107,7 @@ def runs(seconds: Floats, words: Sequence[str | None] | NDArray[np.object_], per
 
 
 def _coded(words: Sequence[str | None] | NDArray[np.object_]) -> tuple[NDArray[np.int64], list[str]]:
-    """Return numbers for words, which are fast to compare; -1 for None."""
+    """Return a number for each word, which is fast to compare (-1 for None), and the words by number."""
     names: dict[str, int] = {}
     codes = [-1 if word is None else names.setdefault(word, len(names)) for word in words]
     return np.array(codes, dtype=np.int64), list(names)
@@ -120,7 +120,7 @@ def missing_ticks(seconds: Floats, period_s: float, word: str = "skipped") -> li
 
 
 def merged(spans: Iterable[Span], nearer_than_s: float) -> list[Span]:
-    """Return spans, those of one word that are too close to be seen apart as one."""
+    """Return the spans; spans of one word that are too close to be distinguished are merged."""
     out: list[Span] = []
     for span in sorted(spans, key=lambda span: (span.start, span.end, span.word)):
         if out and out[-1].word == span.word and span.start - out[-1].end < nearer_than_s:
@@ -131,7 +131,7 @@ def merged(spans: Iterable[Span], nearer_than_s: float) -> list[Span]:
 
 
 def widened(span: Span, least_s: float) -> Span:
-    """Return the span, wide enough to be seen."""
+    """Return the span, at least wide enough to be visible."""
     lacking = max(0.0, least_s - span.seconds) / 2
     return replace(span, start=span.start - lacking, end=span.end + lacking)
 

@@ -1,4 +1,4 @@
-"""From rows of `samples` to the trace of a port: readings, states, hot air, and why data are missing."""
+"""The trace of a port from its rows of `samples`: readings, states, hot air, and why data are missing."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FLOW_JOINED_S = 15.0  # it is due each 5 s; two losses are bridged in the drawin
 def trace(samples: pd.DataFrame, grid: Grid, *, of_states: bool = False, of_air: bool = False) -> Trace:
     """Return the trace of one port from its rows of `samples`, in the order of their ticks.
 
-    `of_states`: it reports states and no temperature; `of_air`: it is hot air.
+    `of_states`: the station reports states and no temperature. `of_air`: the station is hot air.
     """
     utc = samples["time"].to_numpy(dtype="datetime64[us]").astype(np.int64).astype(np.float64)
     seconds = grid.seconds(_floats(samples["tick"]), utc)
@@ -58,12 +58,12 @@ def _texts(column: pd.Series[str]) -> NDArray[np.object_]:
 
 
 def _why(quality: str) -> str:
-    """Return the reason of a row without a temperature; in a row that is ok it was not due."""
+    """Return the reason why a row has no temperature; in a row that is ok it was not due."""
     return "not due" if quality == "ok" else quality
 
 
 def _typical(seconds: Floats) -> float:
-    """Return the usual step; a run of one row is drawn as one second."""
+    """Return the median step in s; a run of one row is drawn as one second."""
     return float(np.median(np.diff(seconds))) if len(seconds) > 1 else 1.0
 
 
@@ -73,7 +73,7 @@ def any_state_read(samples: pd.DataFrame) -> list[bool]:
 
 
 def state_lanes(samples: pd.DataFrame, seconds: Floats, period_s: float) -> dict[str, list[Span]]:
-    """Return the lanes by name, each with a word for what held; nothing where it was not read."""
+    """Return the lanes of states by name, each with the word for its state; nothing where it was not read."""
     short, clogged = (_flags(samples, name) for name in ("solder_shortage", "clogged"))
     solder = [_solder(one, other) for one, other in zip(short, clogged, strict=True)]
     control = [_flag_word(one, PREPARING, READY) for one in _flags(samples, "preparing")]
@@ -97,19 +97,19 @@ def _solder(short: bool | None, clogged: bool | None) -> str | None:
 
 
 def has_air(facts: StationFacts) -> bool:
-    """Return whether it is a hot air station, by its signals."""
+    """Return whether this is a hot air station, by its signals."""
     return SIGNAL in facts.signals
 
 
 def air_of(samples: pd.DataFrame, seconds: Floats, period_s: float) -> Air:
-    """Return the air of one port."""
+    """Return the hot air of one port."""
     sucking = [SUCTION if flag is True else None for flag in _flags(samples, "desoldering")]
     lanes = {FLOW: _flow(samples, seconds, period_s), SUCTION: runs(seconds, sucking, period_s)}
     return Air(_floats(samples[SIGNAL]), {name: spans for name, spans in lanes.items() if spans})
 
 
 def status_words(samples: pd.DataFrame) -> list[str | None]:
-    """Return the status as read; an off tool that cools is "cooling"."""
+    """Return the status as read; an off tool that cools is ``cooling``."""
     words = samples["status"].astype(object)
     return [_word(word, cools) for word, cools in zip(words, _flags(samples, "cooling"), strict=True)]
 

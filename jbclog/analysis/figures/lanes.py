@@ -1,4 +1,4 @@
-"""The rows below the curves: status, missing data, alarms and errors as bars, with words where they fit."""
+"""The lanes below the curves: status, missing data, alarms and errors as bars, with words where they fit."""
 
 from __future__ import annotations
 
@@ -18,24 +18,26 @@ from jbclog.analysis.figures.trace import MarkKind, Trace
 LANE_PT: Final = 11.2
 NO_DATA: Final = "no data"
 MARKS: Final = {"alarm": MarkKind.ALARM, "doubtful": MarkKind.UNCONFIRMED, "error": MarkKind.ERROR}
-"""The kind of marks in each lane by its name."""
+"""The kind of marks in each lane, by the lane's name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Lane:
-    """A row: its name and its spans."""
+    """A lane: its name and its spans."""
 
     name: str
     spans: list[Span]
 
 
 def least_seen_s(trace: Trace, form: Format) -> float:
-    """Return the shortest time that is wide enough to be seen in a figure of this size."""
+    """Return the shortest time in s that is wide enough to be visible in a figure of this size."""
     return (trace.end - trace.start) / form.stretches * 1.5
 
 
 def lanes_of(trace: Trace, form: Format) -> list[Lane]:
-    """Return status or states, and the other lanes that have spans. Spans too close to be seen apart are one."""
+    """Return the lane of the status, or those of the states, and the other lanes that have spans; indistinguishable spans are
+    merged.
+    """
     least = least_seen_s(trace, form)
     states = trace.states or {"status": trace.status} | ({} if trace.air is None else trace.air.lanes)
     lanes = [Lane(name, _seen(spans, least)) for name, spans in states.items()]
@@ -48,13 +50,13 @@ def lanes_of(trace: Trace, form: Format) -> list[Lane]:
 
 
 def _seen(spans: list[Span], least: float) -> list[Span]:
-    """Return the spans of a state, then the short ones that matter, wide enough to be seen."""
+    """Return the spans of a state, then the short important ones, wide enough to be visible."""
     graver = [widened(span, least) for span in spans if span.word in style.ALWAYS_SEEN]
     return [*merged(spans, least), *graver]
 
 
 def draw_lanes(axes: Axes, lanes: list[Lane], trace: Trace, form: Format) -> None:
-    """Draw the lanes from top to bottom, each with its name before it."""
+    """Draw the lanes from top to bottom, each with its name to the left."""
     axes.spines[:].set_visible(False)
     axes.grid(visible=False, axis="y")
     axes.set_ylim(max(len(lanes), 1), 0)
@@ -86,7 +88,7 @@ def _face(name: str, word: str, hatch: str | None) -> str:
 
 
 def _word(axes: Axes, row: int, name: str, span: Span, trace: Trace, form: Format) -> None:
-    """Write the word of a span in the middle of it, with the duration of a gap, if it fits."""
+    """Write the word of a span in its middle, with the duration of a gap, if it fits."""
     points, is_gap = form.font_pt - 1, name == NO_DATA
     width = span.seconds / (trace.end - trace.start) * size_pt(axes)[0]
     texts = [f"{span.word} {duration_text(span.seconds)}", span.word] if is_gap else [span.word]

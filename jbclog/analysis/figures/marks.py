@@ -1,4 +1,4 @@
-"""From events and settings to what a figure marks: alarms, errors, and the limits in force."""
+"""What a figure marks, from events and settings: alarms, errors, and the limits in force."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def happenings(events: pd.DataFrame, t0_utc_us: int) -> list[Happening]:
 
 
 def marks_of(all_of_run: Iterable[Happening], station: str, port: int) -> list[Mark]:
-    """Return alarms (earliest to latest moment) and errors (until they were gone) of one port and of its station."""
+    """Return the alarms (earliest to latest moment) and errors (until they ended) of one port and of its station."""
     own = [one for one in all_of_run if one.station == station and one.port in (None, port)]
     alarms = [Mark(Span(one.start, one.end, one.kind.removeprefix("alarm.")), MarkKind.ALARM) for one in own if is_alarm(one)]
     doubtful = [
@@ -55,7 +55,7 @@ def marks_of(all_of_run: Iterable[Happening], station: str, port: int) -> list[M
 
 
 def is_alarm(one: Happening) -> bool:
-    """Return whether it is an alarm that counts."""
+    """Return whether the event is an alarm that counts."""
     return one.kind in ("alarm.high", "alarm.low") and one.severity in COUNTED
 
 
@@ -68,7 +68,7 @@ def _error(one: Happening, later: Sequence[Happening]) -> Mark:
 
 
 def limits_of(settings: pd.DataFrame, station: str, port: int, t0_utc_us: int) -> list[Limit]:
-    """Return the confirmed limits of one port, each from its reading on; without those of an alarm that is off."""
+    """Return the confirmed limits of one port, each from its reading on, without those of an alarm that is off."""
     own = settings[(settings["station"] == station) & (settings["port"] == port) & settings["readback"].notna()]
     limits = [_limit(own, side, t0_utc_us) for side in ("high", "low") if not _is_off(own, side)]
     return [limit for limit in limits if limit.seconds and not np.isnan(limit.celsius).all()]

@@ -1,6 +1,6 @@
-"""The figure of one port: temperature, power and lanes on one time axis; of a station without a temperature its lanes alone.
+"""The figure of one port: temperature, power and lanes on one time axis; only lanes for a station without a temperature.
 
-A figure holds numbers and words of our own lists; nothing in it comes from outside.
+A figure contains numbers and words from fixed lists, and no text from outside.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from jbclog.analysis.figures.trace import JOINED_PERIODS, SETTING_JOINED_S, Trac
 LEFT, RIGHT, TOP, BOTTOM = 38.0, 49.0, 12.0, 19.0  # margins in points
 NAMED_LEFT, NAMED_RIGHT, NAMED_TOP = 56.0, 16.0, 7.0  # of a figure that has lanes only
 BETWEEN, ABOVE_LANES, UPPER = 15.0, 7.0, 0.7  # between the panels; the temperature's share of the height
-STATE_LANE_PT = 19.0  # where there is nothing but lanes
+STATE_LANE_PT = 19.0  # in a figure that has lanes only
 SHORT_S = 1.0
-WIDE_JOINT = 3.0  # times what is just seen: from there on a joint is shaded over the full height
+WIDE_JOINT = 3.0  # times the least visible time: a longer joint is shaded over the full height
 RARE = 0.02  # samples that may lie in the coarse part of a scale
-COARSE: Final = 0.2  # the share of the height that all values below a knee have
+COARSE: Final = 0.2  # share of the height below a knee
 
 
 def draw(trace: Trace, form: Format) -> Figure:
@@ -41,12 +41,12 @@ def draw(trace: Trace, form: Format) -> Figure:
 
 
 def height_pt(trace: Trace, lanes: list[Lane], form: Format) -> float:
-    """Return how high the figure of a port is."""
+    """Return the height of a port's figure in points."""
     return STATE_LANE_PT * len(lanes) + 30 if trace.states else form.height_pt + LANE_PT * len(lanes)
 
 
 def draw_at(figure: Figure, top: float, trace: Trace, lanes: list[Lane], form: Format) -> list[Axes]:
-    """Draw a port into a figure, `top` points below its upper edge; return the panels, the lowest last."""
+    """Draw a port into a figure, `top` points below its upper edge, and return the panels, the lowest last."""
     panels = _panels(figure, top, trace, lanes, form)
     marks = time_marks(trace.grid.t0_utc_us, trace.start, trace.end, form.time_marks)
     for axes in panels:
@@ -75,9 +75,6 @@ def _known(values: Floats) -> Floats:
     return values[~np.isnan(values)]
 
 
-# -- temperature --------------------------------------------------------------------------------------------------------------
-
-
 def _temperature(axes: Axes, trace: Trace, form: Format) -> None:
     _scale(axes, trace)
     _ground(axes, trace, form)
@@ -90,7 +87,7 @@ def _temperature(axes: Axes, trace: Trace, form: Format) -> None:
 
 
 def _scale(axes: Axes, trace: Trace) -> None:
-    """Set a scale that holds readings, settings and limits; its part below a knee is coarser."""
+    """Set a scale that contains readings, settings and limits; its part below a knee is coarser."""
     external = np.empty(0) if trace.air is None else _known(trace.air.external)
     lines = [external, _known(trace.setting), *(np.array(limit.celsius) for limit in trace.limits)]
     low, high = _range([trace.temperature, *lines], least=20)
@@ -105,7 +102,7 @@ def _scale(axes: Axes, trace: Trace) -> None:
 
 
 def _range(parts: Sequence[Floats], least: float) -> tuple[float, float]:
-    """Return bottom and top that hold every value, with a margin."""
+    """Return a range that contains every value, with a margin."""
     values = np.concatenate([_known(part) for part in parts])
     if not len(values):
         return 0.0, 400.0
@@ -115,7 +112,7 @@ def _range(parts: Sequence[Floats], least: float) -> tuple[float, float]:
 
 
 def _knee(temperature: Floats, lines: Sequence[Floats], low: float, high: float) -> float | None:
-    """Return the temperature below which a coarser scale does no harm: few samples, no line, and most of the height."""
+    """Return the temperature below which the scale may be coarser: few samples, no line, and enough height saved; else None."""
     known = _known(temperature)
     if not len(known):
         return None
@@ -125,18 +122,18 @@ def _knee(temperature: Floats, lines: Sequence[Floats], low: float, high: float)
 
 
 def _bent(low: float, knee: float, high: float) -> tuple[Callable[[Floats], Floats], Callable[[Floats], Floats]]:
-    """Return a scale of which `COARSE` of the height lies below the knee, and its inverse."""
+    """Return a scale with `COARSE` of the height below the knee, and its inverse."""
     values, shares = [low, knee, high], [0.0, COARSE, 1.0]
     return (lambda celsius: np.interp(celsius, values, shares)), (lambda share: np.interp(share, shares, values))
 
 
 def _bent_values(low: float, knee: float, high: float) -> list[float]:
-    """Return ticks above the knee, and a few below it that are not too near to it."""
+    """Return ticks above the knee, and a few below that are not too close to it."""
     return [*(one for one in round_values(low, knee, 2) if one <= knee - 0.3 * (knee - low)), *round_values(knee, high, 5)]
 
 
 def _joints(axes: Axes, trace: Trace, form: Format) -> None:
-    """Draw a bar at the foot for each joint, a higher one where the tip was not back before the next."""
+    """Draw a bar at the bottom for each joint, a higher one if the tip was not back before the next."""
     least, high = least_seen_s(trace, form), size_pt(axes)[1]
     for word, colour in style.JOINT_COLOURS.items():
         spans = [widened(span, least) for span in merged((one for one in trace.joints if one.word == word), least)]
@@ -145,7 +142,7 @@ def _joints(axes: Axes, trace: Trace, form: Format) -> None:
 
 
 def _setting(axes: Axes, trace: Trace, form: Format) -> list[Label]:
-    """Draw a dot at each reading, and a line between two that are equal; nothing after the last, nor across an outage."""
+    """Draw a dot at each reading, and a line between two equal readings; nothing after the last, nor across an outage."""
     known = _known(trace.setting)
     if not len(known):
         return []
@@ -160,7 +157,7 @@ def _setting(axes: Axes, trace: Trace, form: Format) -> list[Label]:
 
 
 def _held(trace: Trace, curve: Envelope) -> tuple[Floats, Floats]:
-    """Return the readings of the setting with a break before each that differs from the one before it or follows an outage."""
+    """Return the readings of the setting, with a break before each that differs from the one before it or follows an outage."""
     outages = np.array([gap.start for gap in trace.gaps if gap.seconds >= SHORT_S])
     is_over = np.diff(np.searchsorted(outages, curve.seconds)) > 0  # nothing was read in between
     changes = np.flatnonzero((np.diff(curve.mean) != 0) | is_over) + 1  # NaN differs from everything
@@ -178,14 +175,11 @@ def _limits(axes: Axes, trace: Trace) -> list[Label]:
 
 
 def _external(axes: Axes, trace: Trace, form: Format) -> list[Label]:
-    """Draw the thermocouple on the work of hot air, where there is one."""
+    """Draw the thermocouple on the work of hot air, if there is one."""
     if trace.air is None or np.isnan(trace.air.external).all():
         return []
     _curve(axes, trace, trace.air.external, form, (style.EXTERNAL, style.EXTERNAL_BAND, "external"))
     return [(float(_known(trace.air.external)[-1]), "work", style.EXTERNAL)]
-
-
-# -- power --------------------------------------------------------------------------------------------------------------------
 
 
 def _power(axes: Axes, trace: Trace, form: Format) -> None:
@@ -199,11 +193,8 @@ def _power(axes: Axes, trace: Trace, form: Format) -> None:
         labelled(axes, [(float(known.max()), f"max {known.max():g}", style.POWER)], form.font_pt)
 
 
-# -- curves and what lies beneath them ----------------------------------------------------------------------------------------
-
-
 def _curve(axes: Axes, trace: Trace, values: Floats, form: Format, look: tuple[str, str, str], *, is_filled: bool = False) -> None:
-    """Draw the mean as a line within the band from least to greatest; a reading without neighbours as a dot or a bar."""
+    """Draw the mean as a line in the band from minimum to maximum; a reading without neighbours as a dot or a bar."""
     colour, band, of = look
     curve = envelope(trace.seconds, values, form.stretches, JOINED_PERIODS * trace.period_s)
     x, alone = trace.dates(curve.seconds), lone(curve)
@@ -219,8 +210,8 @@ def _curve(axes: Axes, trace: Trace, values: Floats, form: Format, look: tuple[s
 def _ground(axes: Axes, trace: Trace, form: Format) -> None:
     """Shade joints, alarms and errors below the grid, gaps above it.
 
-    A gap shorter than both `SHORT_S` and what is seen is left to the lanes: a hundred single lost readings would hide a curve that
-    is nearly whole.
+    A gap shorter than both `SHORT_S` and what is visible is only in the lanes: a hundred single lost readings would hide a curve
+    that is nearly complete.
     """
     least = least_seen_s(trace, form)
     wide = [joint for joint in trace.joints if joint.seconds > WIDE_JOINT * least]

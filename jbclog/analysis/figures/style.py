@@ -1,7 +1,7 @@
 """Colours, hatches and sizes of the figures; `figures.mplstyle` has the rest.
 
-Colours follow Okabe and Ito, so that colour-blind readers and grey printers keep them apart. No meaning rests on colour alone:
-lines differ in their dashes, spans in their hatching, and each is labelled where it stands.
+The colours follow Okabe and Ito, so colour-blind readers and grey printers can distinguish them. Nothing depends on colour alone:
+lines differ in their dashes, spans in their hatching, and each has a label beside it.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ COARSER_TINT: Final = "#f1f3f5"
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A size of a figure: inches, font in points, and how much fits."""
+    """A size of a figure: inches, font size in points, and how much fits."""
 
     name: str
     width_in: float
@@ -100,7 +100,7 @@ class Format:
 
     @property
     def line_pt(self) -> float:
-        """The distance of two lines of text."""
+        """The distance of two lines of text in points."""
         return 1.25 * self.font_pt
 
 

@@ -1,4 +1,4 @@
-"""Where axes have their ticks: round values, round UTC times; durations in words."""
+"""Ticks of an axis: round values, round UTC times; durations in words."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def round_values(low: float, high: float, most: int, *, whole: bool = True) -> l
 
 
 def spread(places: list[float], least: float, bottom: float, top: float) -> list[float]:
-    """Return `places` (ascending) moved as little as needed to lie `least` apart, between `bottom` and `top` if they fit."""
+    """Return `places` (ascending), moved as little as needed to lie `least` apart, between `bottom` and `top` if they fit."""
     out: list[float] = []
     for place in places:
         out.append(max(place, out[-1] + least) if out else max(place, bottom))

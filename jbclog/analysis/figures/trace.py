@@ -1,4 +1,4 @@
-"""One port of a run as a figure shows it: curves, spans, limits and marks on the run's time axis."""
+"""One port of a run, as a figure shows it: curves, spans, limits and marks on the run's time axis."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class JointEnd(StrEnum):
 
 
 class MarkKind(StrEnum):
-    """What a mark stands for."""
+    """The kind of a mark."""
 
     ALARM = "alarm"
     UNCONFIRMED = "unconfirmed"
@@ -41,7 +41,7 @@ class Grid:
     steps: tuple[Step, ...] = ()
 
     def seconds(self, ticks: Floats, utc_us: Floats) -> Floats:
-        """Return rows with these ticks and times as seconds of the run."""
+        """Return the seconds of the run of rows with these ticks and times."""
         if self.period_s:
             return ticks * self.period_s
         if self.steps:
@@ -51,7 +51,7 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """An alarm limit as confirmed: the seconds from which each value held, and °C; NaN while it was off."""
+    """An alarm limit as confirmed: since when each value held, in s, and °C; NaN while it was off."""
 
     side: str  # "high" or "low"
     seconds: tuple[float, ...]
@@ -68,7 +68,7 @@ class Mark:
 
 @dataclass(frozen=True, slots=True)
 class Air:
-    """Hot air on the rows of a trace: °C of the work (NaN where nothing was read), and lanes by name."""
+    """Hot air on the rows of a trace: °C of the work (NaN where it was not read), and lanes by name."""
 
     external: Floats
     lanes: dict[str, list[Span]]
@@ -107,7 +107,7 @@ class Trace:
         return float(self.seconds[-1]) + self.period_s if len(self.seconds) else self.period_s
 
     def dates(self, seconds: ArrayLike) -> Floats:
-        """Return seconds of the run as matplotlib counts time."""
+        """Return seconds of the run as matplotlib dates."""
         return dates(self.grid.t0_utc_us, seconds)
 
     def between(self, start: float, end: float) -> Trace:

@@ -106,7 +106,7 @@ class PortSweeps:
     def found(self) -> FoundJoints:
         """The joints. Raises `ValueError` before the last sweep has ended."""
         if self._found is None:
-            raise ValueError("not every sweep over the port's rows is done")
+            raise ValueError("the sweeps over the port's rows have not ended")
         return self._found
 
     def next_sweep(self) -> Windows | None:

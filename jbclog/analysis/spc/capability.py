@@ -1,11 +1,13 @@
-"""Capability indices, each with what it can be trusted for.
+"""Capability indices with their confidence.
 
-Of normal values Cp and Cpk take the spread from differences of neighbours, Pp and Ppk from all values. Confidence of Cp and Pp is
-that of a variance (chi-squared); of Cpk and Ppk Bissell's approximation (1990).
+For normal values Cp and Cpk take the spread from differences of neighbours, Pp and Ppk from all values. Cp and Pp have the
+confidence of a variance (chi-squared), Cpk and Ppk Bissell's approximation (1990).
 
-Of others all are shares of the way from the median to the percentiles 0.135 and 99.865 (ISO 22514-2), which is three sigma where
-values are normal; Cp and Cpk are then Pp and Ppk, as the process is stable. Their bounds are by bootstrap. Where no distribution
-fits, the percentiles are those of the values themselves, and the bound is that of the share beyond the limits (Clopper-Pearson).
+For other distributions the indices are shares of the distance from the median to the percentiles 0.135 and 99.865 (ISO 22514-2),
+which is three sigma for normal values; Cp and Cpk then equal Pp and Ppk, because the process is stable. Their bounds come from a
+parametric bootstrap: samples drawn from the distribution and fitted again, about the logarithm of the index (basic; additive if the
+index is not above zero). If no distribution fits, the percentiles are those of the values themselves, and the bound is that of the
+share beyond the limits (Clopper-Pearson).
 """
 
 from __future__ import annotations
@@ -20,8 +22,8 @@ from scipy.special import betaincinv, gammaincinv, ndtr, ndtri
 from jbclog.analysis.spc.charts import sigma_of_moving_ranges
 from jbclog.analysis.spc.distribution import REACH, Fit, Floats, widest_fit
 
-DRAWS: Final = 500
-MOST: Final = 400
+SAMPLES: Final = 500  # of the bootstrap
+MOST_DRAWN: Final = 400  # values a sample; for more values the spread is scaled by the root of their numbers
 SEED: Final = 1
 CONFIDENCE = 0.95
 MOVING_RANGE_SHARE = 0.62
@@ -30,7 +32,7 @@ MOVING_RANGE_SHARE = 0.62
 
 @dataclass(frozen=True, slots=True)
 class Index:
-    """An index, its one-sided 95 % lower bound (`bound`, what a verdict rests on) and its two-sided 95 % interval."""
+    """An index, its one-sided 95 % lower bound (`bound`, which verdicts use) and its two-sided 95 % interval."""
 
     value: float
     bound: float
@@ -40,10 +42,10 @@ class Index:
 
 @dataclass(frozen=True, slots=True)
 class Capability:
-    """How the values lie within their limits. `cp` and `pp` are None where only one limit is stated.
+    """How the values lie within their limits. `cp` and `pp` are None if only one limit is given.
 
-    `distribution` is the one that fits ("percentiles": none), `chance` how far values as far from it are to be expected;
-    `percentiles` are 0.135, 50 and 99.865.
+    `distribution` is the one that fits ("percentiles": none), `chance` the probability of values as far from it; `percentiles` are
+    0.135, 50 and 99.865.
     """
 
     n: int
@@ -62,7 +64,7 @@ class Capability:
 
 
 def indices(points: Floats, lower: float | None, upper: float | None) -> Capability:
-    """The indices of individual values; plain arithmetic, without a look at whether they mean anything."""
+    """Return the indices of normal individual values, without any check whether they apply."""
     mean, n = float(points.mean()), len(points)
     within, overall = sigma_of_moving_ranges(points), float(points.std(ddof=1))
     freedoms = MOVING_RANGE_SHARE * (n - 1), float(n - 1)
@@ -72,9 +74,9 @@ def indices(points: Floats, lower: float | None, upper: float | None) -> Capabil
 
 
 def indices_of_fit(points: Floats, fit: Fit, lower: float | None, upper: float | None) -> Capability:
-    """The indices of values of another distribution than normal; their bounds do not rest on the choice of that distribution."""
+    """Return the indices of values that are not normal; their bounds allow for the choice of the distribution."""
     low, middle, high = fit.at(-REACH), fit.at(0.0), fit.at(REACH)
-    found = [_index_of_fit(one, len(points), lower, upper) for one in (fit, *_beside(points, fit))]
+    found = [_index_of_fit(one, len(points), lower, upper) for one in (fit, *_alternatives(points, fit))]
     pps = [one for one, _ in found if one is not None]
     pp, ppk = _widest(pps) if pps else None, _widest([one for _, one in found])
     within, overall = sigma_of_moving_ranges(points), float(points.std(ddof=1))
@@ -82,14 +84,14 @@ def indices_of_fit(points: Floats, fit: Fit, lower: float | None, upper: float |
     return replace(of_all, distribution=fit.name, chance=fit.chance, percentiles=(low, middle, high))
 
 
-def _beside(points: Floats, fit: Fit) -> tuple[Fit, ...]:
-    """The family of three parameters beside one of two: which of two fits is often chance, and with it the tail."""
+def _alternatives(points: Floats, fit: Fit) -> tuple[Fit, ...]:
+    """Return the family of three parameters beside one of two: which of two fits is often chance, and with it the tail."""
     wider = widest_fit(points) if fit.family.free == 2 and not fit.outliers else None
     return () if wider is None else (wider,)
 
 
 def _index_of_fit(fit: Fit, n: int, lower: float | None, upper: float | None) -> tuple[Index | None, Index]:
-    """Pp, where both limits are stated, and Ppk by the percentiles of a fit, with bounds by bootstrap."""
+    """Return Pp (with both limits) and Ppk by the percentiles of a fit, with bounds by bootstrap."""
     low, middle, high = (np.array([fit.at(score)]) for score in (-REACH, 0.0, REACH))
     both, nearer = quantile_indices(low, middle, high, lower, upper)
     drawn_both, drawn_nearer, scale = drawn_indices(fit, n, lower, upper)
@@ -98,13 +100,13 @@ def _index_of_fit(fit: Fit, n: int, lower: float | None, upper: float | None) ->
 
 
 def _widest(found: list[Index]) -> Index:
-    """The first index with the widest bounds of all."""
+    """Return the first index with the widest bounds of all."""
     bound, low = min(one.bound for one in found), min(one.low for one in found)
     return Index(found[0].value, bound, low, max(one.high for one in found))
 
 
 def indices_of_percentiles(points: Floats, lower: float | None, upper: float | None) -> Capability:
-    """The indices of many values that no distribution fits, by their own percentiles."""
+    """Return the indices of many values that no distribution fits, by their own percentiles."""
     low, middle, high = (float(one) for one in np.quantile(points, ndtr([-REACH, 0.0, REACH]), method="median_unbiased"))
     both, nearer = quantile_indices(np.array([low]), np.array([middle]), np.array([high]), lower, upper)
     beyond = 0 if lower is None else int(np.count_nonzero(points < lower))
@@ -119,7 +121,7 @@ def indices_of_percentiles(points: Floats, lower: float | None, upper: float | N
 
 
 def _index_of_share(beyond: int, n: int, chance: float | None) -> float:
-    """The index whose share beyond a limit is the greatest (None: the least) that so many of `n` allow."""
+    """Return the index whose share beyond a limit is the greatest (`chance` None: the least) that `beyond` of `n` allow."""
     if chance is None:
         least = float(betaincinv(beyond, n - beyond + 1, (1 - CONFIDENCE) / 2)) if beyond else 0.0
         return float(-ndtri(least)) / 3 if least > 0 else float("inf")
@@ -134,7 +136,7 @@ def _bounded(value: float, drawn: Floats, scale: float) -> Index:
 
 
 def _potential(lower: float | None, upper: float | None, sigma: float, freedom: float) -> Index | None:
-    """The tolerance in units of six sigma."""
+    """Return the tolerance in units of six sigma."""
     if lower is None or upper is None:
         return None
     value, tail = (upper - lower) / (6 * sigma), (1 - CONFIDENCE) / 2
@@ -144,46 +146,46 @@ def _potential(lower: float | None, upper: float | None, sigma: float, freedom: 
 
 
 def _actual(mean: float, lower: float | None, upper: float | None, sigma: float, n: int, freedom: float) -> Index:
-    """The way to the nearer limit in units of three sigma."""
-    ways = [upper - mean] if upper is not None else []
-    ways += [mean - lower] if lower is not None else []
-    value = min(ways) / (3 * sigma)
+    """Return the distance to the nearer limit in units of three sigma."""
+    distances = [upper - mean] if upper is not None else []
+    distances += [mean - lower] if lower is not None else []
+    value = min(distances) / (3 * sigma)
     return actual_index(value, n, freedom)
 
 
 def actual_index(value: float, n: int, freedom: float) -> Index:
-    """A Cpk or Ppk of `n` values with its confidence (Bissell 1990; Montgomery, section 8.3.4)."""
+    """Return a Cpk or Ppk of `n` values with its confidence (Bissell 1990; Montgomery, section 8.3.4)."""
     error = sqrt(1 / (9 * n) + value**2 / (2 * freedom))
     one, two = float(ndtri(CONFIDENCE)), float(ndtri((1 + CONFIDENCE) / 2))
     return Index(value, float(value - one * error), float(value - two * error), float(value + two * error))
 
 
 def quantile_indices(low: Floats, middle: Floats, high: Floats, lower: float | None, upper: float | None) -> tuple[Floats, Floats]:
-    """Pp and Ppk by percentiles 0.135, 50 and 99.865 (ISO 22514-2); Pp is NaN where a limit is missing."""
-    ways = [] if upper is None else [(upper - middle) / (high - middle)]
-    ways += [] if lower is None else [(middle - lower) / (middle - low)]
+    """Return Pp and Ppk by percentiles 0.135, 50 and 99.865 (ISO 22514-2); Pp is NaN if a limit is missing."""
+    distances = [] if upper is None else [(upper - middle) / (high - middle)]
+    distances += [] if lower is None else [(middle - lower) / (middle - low)]
     both = np.full_like(middle, np.nan) if lower is None or upper is None else (upper - lower) / (high - low)
-    return both, np.minimum.reduce(ways)
+    return both, np.minimum.reduce(distances)
 
 
 def drawn_indices(fit: Fit, n: int, lower: float | None, upper: float | None) -> tuple[Floats, Floats, float]:
-    """Pp and Ppk of samples drawn from the fit; and by what their spread is to be scaled."""
-    size = min(n, MOST)
+    """Return Pp and Ppk of samples drawn from the fit, the same ones each time, and the factor that scales their spread."""
+    size = min(n, MOST_DRAWN)
     generator = np.random.default_rng(SEED)
-    rows = fit.family.quantiles(fit.fitted, generator.normal(size=(DRAWS, size)))
-    if fit.family.needs_positive:  # beyond the edge of a power there is nothing: a value as good as there
+    rows = fit.family.quantiles(fit.fitted, generator.normal(size=(SAMPLES, size)))
+    if fit.family.needs_positive:  # a power has no values beyond its edge: use one close to it
         middle_of_all = fit.at(0.0)
         rows = np.clip(np.nan_to_num(rows, nan=middle_of_all), middle_of_all * 1e-6, middle_of_all * 1e6)
     again = fit.family.fit(rows)
-    low, middle, high = (fit.family.quantiles(again, np.full((DRAWS, 1), score))[:, 0] for score in (-REACH, 0.0, REACH))
+    low, middle, high = (fit.family.quantiles(again, np.full((SAMPLES, 1), score))[:, 0] for score in (-REACH, 0.0, REACH))
     with np.errstate(invalid="ignore"):
         both, nearer = quantile_indices(low, middle, high, lower, upper)
     return both, nearer, sqrt(size / n)
 
 
 def basic_bounds(value: float, drawn: Floats, scale: float, shares: tuple[float, ...]) -> tuple[float, ...]:
-    """Bounds of `value` at these shares (0.95: a lower one that holds in 95 %)."""
-    drawn = np.nan_to_num(drawn, nan=0.0)  # where the spread has no end the index is none
+    """Return bounds of `value` at these shares (0.95: a lower bound that holds in 95 %)."""
+    drawn = np.nan_to_num(drawn, nan=0.0)  # an infinite spread makes the index zero
     quantiles = np.quantile(drawn, shares)
     if value > 0 and (quantiles > 0).all():
         return tuple(float(value * (value / one) ** scale) for one in quantiles)

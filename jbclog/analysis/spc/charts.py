@@ -1,4 +1,4 @@
-"""Control charts: points, centre line, limits and signals."""
+"""Control charts: points, centre line, limits and signals. Each function returns charts of the values that it is given."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ GRID = 1000  # values that stand for a distribution
 FURTHEST_SIGMA, STEPS = 8.5, 1701  # of the integrals below; beyond, a normal tail is less than a float's precision
 BEYOND_3 = 0.0026998  # share beyond three sigma
 LIMIT_ONLY = (1,)
-"""Tests of a chart whose neighbouring points have something in common: ranges that share a value, weighted means."""
+"""Tests of a chart whose neighbouring points are not independent: ranges that share a value, weighted means."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chart:
-    """One chart. `sigma` is that of a plotted point (of the last, on an EWMA chart); `lower` and `upper` have a limit a point.
+    """One chart. `sigma` is that of a plotted point (of the last one, on an EWMA chart); `lower` and `upper` have a limit for each
+    point.
 
-    `distribution` is that of the values; where it is not normal the limits are its percentiles 0.135 and 99.865, the centre is its
-    median, and the tests are of the values' normal scores. `tests` are those that the points were held against.
+    `distribution` is that of the values. If it is not normal, the limits are its percentiles 0.135 and 99.865, the centre is its
+    median, and the tests use the values' normal scores. `tests` are the tests applied.
     """
 
     name: str
@@ -48,9 +49,9 @@ def individuals(
     centre: float | None = None,
     sigma: float | None = None,
 ) -> Chart:
-    """Individual values, sigma from the mean moving range of two (NIST 6.3.2.2), or with the limits of another distribution.
+    """Chart individual values: sigma from the mean moving range of two (NIST 6.3.2.2), or the limits of another distribution.
 
-    `centre` and `sigma` are taken from the values where they are not known beforehand. With `fit`, neither is used.
+    `centre` and `sigma` come from the values unless they are given. With a `fit` that is not normal, neither is used.
     """
     points = _floats(values)
     if fit is not None and fit.name != "normal":
@@ -63,21 +64,22 @@ def individuals(
 
 
 def fixed(values: ArrayLike, centre: float, lower: float, upper: float, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
-    """Individual values against limits that were known beforehand, from a phase I study.
+    """Chart individual values against limits known beforehand, from a phase I study.
 
-    Where these are not even, distances are in thirds of the way to the limit on their side.
+    If the limits are not symmetric, distances are thirds of the distance to the limit on their side. Raises `ValueError` for values
+    that are not known, and for a centre that is not between the limits.
     """
     points = np.asarray(values, dtype=np.float64)
     if points.ndim != 1 or not np.isfinite(points).all():
-        raise ValueError("a chart takes a row of values that are all known")
+        raise ValueError("a chart needs a row of finite values")
     if not lower < centre < upper:
-        raise ValueError(f"the centre {centre:g} is not between the limits {lower:g} and {upper:g}")
+        raise ValueError(f"the centre must be between the limits {lower:g} and {upper:g} (got {centre:g})")
     edges = np.full(len(points), lower), np.full(len(points), upper)
     return _chart("individuals", points, centre, (upper - lower) / 6, *edges, tests)
 
 
 def moving_ranges(values: ArrayLike, *, fit: Fit | None = None) -> Chart:
-    """Moving ranges of two; they overlap, so only the limit is a test. With `fit` the limit is that of its differences."""
+    """Chart moving ranges of two; they overlap, so only the limit is a test. With `fit` the limit is that of its differences."""
     spans = np.abs(np.diff(_floats(values)))
     if fit is None or fit.name == "normal":
         return _of_ranges("moving ranges", spans, 2, LIMIT_ONLY)
@@ -90,14 +92,14 @@ def moving_ranges(values: ArrayLike, *, fit: Fit | None = None) -> Chart:
 
 
 def means(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
-    """Means of subgroups (a row each), sigma from the mean range within them (NIST 6.3.2.1)."""
+    """Chart means of subgroups (a row each), sigma from the mean range within them (NIST 6.3.2.1)."""
     rows = _rows(subgroups)
     sigma = sigma_of_ranges(rows) / sqrt(rows.shape[1])
     return _three_sigma("subgroup means", rows.mean(axis=1), float(rows.mean()), sigma, tests)
 
 
 def means_by_sd(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
-    """Means of subgroups (a row each), sigma from the mean standard deviation within them (X-bar of X-bar and S)."""
+    """Chart means of subgroups (a row each), sigma from the mean standard deviation within them (X-bar of X-bar and S)."""
     rows = _rows(subgroups)
     size = rows.shape[1]
     sigma = float(rows.std(axis=1, ddof=1).mean()) / c4(size) / sqrt(size)
@@ -105,7 +107,7 @@ def means_by_sd(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) ->
 
 
 def sds(subgroups: ArrayLike) -> Chart:
-    """Standard deviations within subgroups (a row each): S of X-bar and S (Montgomery, section 6.3)."""
+    """Chart standard deviations within subgroups (a row each): S of X-bar and S (Montgomery, section 6.3)."""
     rows = _rows(subgroups)
     points, known = rows.std(axis=1, ddof=1), c4(rows.shape[1])
     centre = float(points.mean())
@@ -121,60 +123,59 @@ def cusum(
     centre: float | None = None,
     sigma: float | None = None,
 ) -> tuple[Chart, Chart]:
-    """Cumulative sums above and below the centre, in sigma (NIST 6.3.2.3; Montgomery, section 9.1).
+    """Chart cumulative sums above and below the centre, in sigma (NIST 6.3.2.3; Montgomery, section 9.1).
 
-    `slack` (k) and `decision` (h) are in sigma; 0.5 and 5 find a shift of one sigma, and signal once in 465 stable points on
-    average. The lower sums are below zero.
+    `slack` (k) and `decision` (h) are in sigma; 0.5 and 5 detect a shift of one sigma, and signal once in 465 stable points on
+    average. The lower sums are negative. Raises `ValueError` if sigma is not above 0.
     """
     points = _floats(values)
     middle = float(points.mean()) if centre is None else centre
     spread = sigma_of_moving_ranges(points) if sigma is None else sigma
     if not spread > 0:
-        raise ValueError("cumulative sums are counted in sigma, which must be above 0")
+        raise ValueError(f"sigma of a CUSUM chart must be above 0 (got {spread:g})")
     zones = (points - middle) / spread
     return _sums("CUSUM up", zones, slack, decision), _sums("CUSUM down", -zones, slack, decision, sign=-1)
 
 
 def shares(counts: ArrayLike, sizes: ArrayLike) -> Chart:
-    """A p chart: the share of `sizes` that was counted, each with the limits of its own size (Montgomery, section 7.2)."""
+    """Chart the share of `sizes` that was counted (p chart), with limits for each size (Montgomery, section 7.2)."""
     found, of = _counts(counts, sizes)
     if (found > of).any():
-        raise ValueError("more were counted than there are")
+        raise ValueError("each count must be at most its size")
     mean = float(found.sum() / of.sum())
     return _counted("p", found / of, mean, np.sqrt(mean * (1 - mean) / of), most=1.0)
 
 
 def rates(counts: ArrayLike, sizes: ArrayLike) -> Chart:
-    """A u chart: counts per unit of `sizes` (hours, units), each with the limits of its own size (Montgomery, section 7.3)."""
+    """Chart counts per unit of `sizes` such as hours or units (u chart), with limits for each size (Montgomery, section 7.3)."""
     found, of = _counts(counts, sizes)
     mean = float(found.sum() / of.sum())
     return _counted("u", found / of, mean, np.sqrt(mean / of), most=np.inf)
 
 
 def ranges(subgroups: ArrayLike) -> Chart:
-    """Ranges within subgroups (a row each)."""
+    """Chart ranges within subgroups (a row each)."""
     rows = _rows(subgroups)
     return _of_ranges("subgroup ranges", np.ptp(rows, axis=1), rows.shape[1], LIMIT_ONLY)
 
 
 RUN_LENGTHS: Final = {"EWMA": 550.0, "CUSUM up": 465.0}
-"""Stable points to the first signal, on average, with known limits and the default weight, width, slack and
-decision; CUSUM: either way.
+"""Stable points to the first signal, on average, with known limits and the default weight, width, slack and decision.
 
-By simulation, to three per cent; 465 also in Montgomery, table 9.3.
+CUSUM: on either side. By simulation, to three per cent; 465 is also in Montgomery, table 9.3.
 """
 
 
 def ewma(
     values: ArrayLike, weight: float = 0.2, width: float = 3.0, centre: float | None = None, sigma: float | None = None
 ) -> Chart:
-    """Exponentially weighted moving averages (NIST 6.3.2.4), limits of each point by its own variance.
+    """Chart exponentially weighted moving averages (NIST 6.3.2.4), with limits for each point by its own variance.
 
-    `centre` and `sigma` (of a single value) are taken from the values where they are not known beforehand.
+    `centre` and `sigma` (of a single value) come from the values unless they are given.
     """
     points = _floats(values)
     if not 0 < weight <= 1:
-        raise ValueError(f"the weight of an EWMA chart is above 0 and at most 1, not {weight}")
+        raise ValueError(f"the weight of an EWMA chart must be above 0 and at most 1 (got {weight:g})")
     middle = float(points.mean()) if centre is None else centre
     spread = sigma_of_moving_ranges(points) if sigma is None else sigma
     averages, last = np.empty_like(points), middle
@@ -186,12 +187,12 @@ def ewma(
 
 
 def sigma_of_moving_ranges(points: Floats) -> float:
-    """Sigma of single values, by the mean moving range of two."""
+    """Return sigma of single values, by the mean moving range of two."""
     return float(np.abs(np.diff(points)).mean()) / d2(2)
 
 
 def sigma_of_ranges(rows: Floats) -> float:
-    """Sigma of single values, by the mean range within subgroups."""
+    """Return sigma of single values, by the mean range within subgroups."""
     return float(np.ptp(rows, axis=1).mean()) / d2(rows.shape[1])
 
 
@@ -220,7 +221,7 @@ def _counts(counts: ArrayLike, sizes: ArrayLike) -> tuple[Floats, Floats]:
     found = _floats(counts)
     of = np.broadcast_to(np.asarray(sizes, dtype=np.float64), found.shape)
     if not (np.isfinite(of).all() and (of > 0).all() and (found >= 0).all()):
-        raise ValueError("counts are at least 0, each of a size above 0")
+        raise ValueError("counts must be at least 0 and sizes above 0")
     return found, np.asarray(of)
 
 
@@ -232,42 +233,42 @@ def _of_ranges(name: str, spans: Floats, size: int, tests: tuple[int, ...]) -> C
 
 
 def _chart(name: str, points: Floats, centre: float, sigma: float, lower: Floats, upper: Floats, tests: tuple[int, ...]) -> Chart:
-    """Distances are counted in thirds of the way to the limit on their side, which is a sigma where limits are even."""
-    away = points - centre
-    third = np.where(away >= 0, upper - centre, centre - lower) / 3
-    if not away.any():
-        return Chart(name, points, centre, sigma, lower, upper, (), tests=tests)  # all alike: nothing stands out
-    zones = np.divide(away, third, out=np.where(away == 0, 0.0, np.copysign(np.inf, away)), where=third > 0)
+    """Return a chart; distances are thirds of the distance to the limit on their side, which is sigma for symmetric limits."""
+    distances = points - centre
+    third = np.where(distances >= 0, upper - centre, centre - lower) / 3
+    if not distances.any():
+        return Chart(name, points, centre, sigma, lower, upper, (), tests=tests)  # all values are equal: no signals
+    zones = np.divide(distances, third, out=np.where(distances == 0, 0.0, np.copysign(np.inf, distances)), where=third > 0)
     return Chart(name, points, centre, sigma, lower, upper, signals(zones, tests), tests=tests)
 
 
 def _floats(values: ArrayLike) -> Floats:
     points = np.asarray(values, dtype=np.float64)
     if points.ndim != 1 or len(points) < 2:
-        raise ValueError(f"a chart takes a row of at least two values, not an array of shape {points.shape}")
+        raise ValueError(f"a chart needs a row of at least two values (got shape {points.shape})")
     if not np.isfinite(points).all():
-        raise ValueError("a chart takes values that are all known; leave out what was not read, and say so")
+        raise ValueError("a chart needs finite values; leave out the others")
     return points
 
 
 def _rows(subgroups: ArrayLike) -> Floats:
     rows = np.asarray(subgroups, dtype=np.float64)
     if rows.ndim != 2 or rows.shape[1] < 2 or not rows.shape[0]:
-        raise ValueError(f"subgroups are rows of at least two values, not an array of shape {rows.shape}")
+        raise ValueError(f"subgroups must be rows of at least two values (got shape {rows.shape})")
     if not np.isfinite(rows).all():
-        raise ValueError("a chart takes values that are all known; leave out what was not read, and say so")
+        raise ValueError("a chart needs finite values; leave out the others")
     return rows
 
 
 @cache
 def c4(n: int) -> float:
-    """The mean of the standard deviation of `n` normal values, in units of sigma."""
+    """Return the mean of the standard deviation of `n` normal values, in units of sigma (Montgomery, appendix VI)."""
     return sqrt(2 / (n - 1)) * exp(lgamma(n / 2) - lgamma((n - 1) / 2))
 
 
 @cache
 def d2(n: int) -> float:
-    """The mean range of `n` normal values, in units of sigma: the integral of 1 - F**n - (1 - F)**n."""
+    """Return the mean range of `n` normal values, in units of sigma: the integral of 1 - F**n - (1 - F)**n."""
     x = np.linspace(-FURTHEST_SIGMA, FURTHEST_SIGMA, STEPS)
     below = ndtr(x)
     return float(np.trapezoid(1 - below**n - (1 - below) ** n, x))
@@ -275,11 +276,11 @@ def d2(n: int) -> float:
 
 @cache
 def d3(n: int) -> float:
-    """The standard deviation of the range of `n` normal values, in units of sigma."""
+    """Return the standard deviation of the range of `n` normal values, in units of sigma."""
     x = np.linspace(-FURTHEST_SIGMA, FURTHEST_SIGMA, STEPS)
     below = ndtr(x)
     high, low = below[np.newaxis, :], below[:, np.newaxis]
     inner = np.triu(1 - high**n - (1 - low) ** n + (high - low).clip(0) ** n)
-    inner[np.diag_indices(STEPS)] /= 2  # the edge of the triangle in which the greatest lies above the least
+    inner[np.diag_indices(STEPS)] /= 2  # the edge of the triangle in which the greatest value lies above the least
     square = 2 * float(np.trapezoid(np.trapezoid(inner, x, axis=1), x))
     return sqrt(square - d2(n) ** 2)

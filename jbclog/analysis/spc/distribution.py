@@ -1,13 +1,13 @@
-"""Which distribution a feature follows: normal, lognormal, Weibull, Box-Cox, lognormal above a threshold, or none of them.
+"""The distribution that a feature follows: normal, lognormal, Weibull, Box-Cox, lognormal with a threshold, or none of them.
 
-Each family is a monotone way from values to normal scores, so that stability is judged, and limits are set, on a scale on which
-the values are normal. Of the families that the Anderson-Darling test accepts (p at least `ACCEPTED`) the likeliest is taken (BIC);
-normal, unless another is clearly likelier; one of three parameters only where none of two fits. A family is also accepted where it
-fits all values but a few that lie far beyond it: they are outliers of that family and not the shape of another one.
+Each family is a monotone map from values to normal scores, so stability is tested, and limits are set, on a scale on which the
+values are normal. Of the families that the Anderson-Darling test accepts (p at least `ACCEPTED`) the most likely is taken (BIC):
+normal unless another is clearly more likely, and one of three parameters only if none of two fits. A family is also accepted if it
+fits all values but a few that lie far beyond it: these are outliers of that family and not the shape of another one.
 
 Sources: ISO 22514-2 (performance by distribution); M. A. Stephens, in D'Agostino and Stephens, Goodness-of-Fit Techniques (1986),
-for both tests; Box and Cox, J. R. Statist. Soc. B 26 (1964); the threshold at which the logarithms have no skewness: P. Royston,
-J. R. Statist. Soc. C 41 (1992).
+for both tests; Box and Cox, J. R. Statist. Soc. B 26 (1964); the threshold at which the logarithms have no skewness: P. Royston, J.
+R. Statist. Soc. C 41 (1992).
 """
 
 from __future__ import annotations
@@ -24,35 +24,36 @@ from scipy.special import boxcox, inv_boxcox, log_ndtr, ndtr, ndtri_exp
 Floats = NDArray[np.float64]
 
 ACCEPTED: Final = 0.05
-FAR_OUT: Final = 0.001  # chance of so far an outlier among all values, under the family that fits the others
+FAR_OUT: Final = 0.001  # chance of such an outlier among all values, under the family that fits the others
 OUTLIERS: Final = 0.02  # at most this share of the values, or one
 REACH: Final = 3.0  # standard scores of the percentiles 0.135 and 99.865
-NORMAL_FIRST: Final = 2.0  # by how much of BIC another family is to be likelier (Raftery 1995: positive evidence)
+NORMAL_FIRST: Final = 2.0  # of BIC, that another family must be better by (Raftery 1995: positive evidence)
 LOG_ROOT: Final = -0.5 * float(np.log(2 * np.pi))
 
 
 class Family(ABC):
-    """A distribution with its parameters: arrays with one row for each sample, or plain numbers for one sample."""
+    """A distribution. Parameters are arrays with one row for each sample, or plain numbers for one sample; `free` is how many are
+    fitted.
+    """
 
     name: str
     free: int
-    """How many parameters are fitted."""
     needs_positive = True
 
     @abstractmethod
     def fit(self, rows: Floats) -> tuple[Floats, ...]:
-        """The parameters of each row of values, shaped for arithmetic with the rows."""
+        """Return the parameters of each row of values, shaped for arithmetic with the rows."""
 
     @abstractmethod
     def scores(self, fitted: tuple[Floats, ...], values: Floats) -> Floats:
-        """Standard normal scores of values; infinite beyond the distribution's edge."""
+        """Return the standard normal scores of values; infinite beyond the distribution's edge."""
 
     @abstractmethod
     def quantiles(self, fitted: tuple[Floats, ...], scores: Floats) -> Floats:
-        """Values at standard normal scores; NaN or infinite where the distribution has none."""
+        """Return the values at standard normal scores; NaN or infinite where the distribution has none."""
 
     def chance(self, fitted: tuple[Floats, ...], values: Floats) -> float:
-        """The chance of values as far from this family (Anderson-Darling, parameters estimated)."""
+        """Return the probability of values as far from this family (Anderson-Darling, parameters estimated)."""
         return normal_chance(self.scores(fitted, values))
 
 
@@ -83,7 +84,7 @@ class Lognormal(Normal):
 
 
 class Weibull(Family):
-    """Shape and scale by maximum likelihood."""
+    """A Weibull distribution, shape and scale by maximum likelihood."""
 
     name, free = "Weibull", 2
 
@@ -91,7 +92,7 @@ class Weibull(Family):
         logs = np.log(rows)
         middle, top = logs.mean(axis=-1, keepdims=True), logs.max(axis=-1, keepdims=True)
         shape = np.pi / sqrt(6) / np.maximum(logs.std(axis=-1, keepdims=True), 1e-9)
-        for _ in range(25):  # Newton; from the start by moments it takes less than ten
+        for _ in range(25):  # Newton; from the estimate by moments it takes fewer than ten
             weight = np.exp(shape * (logs - top))
             total = weight.sum(axis=-1, keepdims=True)
             first = (weight * logs).sum(axis=-1, keepdims=True) / total
@@ -154,7 +155,7 @@ class BoxCox(Normal):
 
 
 class Threshold(Normal):
-    """Lognormal above (or, mirrored, below) a threshold, at which the logarithms have no skewness. Values may be negative."""
+    """Lognormal above (or, mirrored, below) a threshold at which the logarithms have no skewness. Values may be negative."""
 
     name, free, needs_positive = "lognormal with a threshold", 3, False
 
@@ -182,9 +183,9 @@ FAMILIES: Final[tuple[Family, ...]] = (Normal(), Lognormal(), Weibull(), BoxCox(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """The family that fits, its parameters, and the chance of values as far from it (Anderson-Darling).
+    """The family that fits, its parameters, and the probability of values as far from it (Anderson-Darling).
 
-    `outliers`: how many values were left out of the fit, because they lie far beyond what fits the others.
+    `outliers` is the number of values left out of the fit because they lie far beyond what fits the others.
     """
 
     family: Family
@@ -197,31 +198,31 @@ class Fit:
         return self.family.name
 
     def scores(self, values: Floats) -> Floats:
-        """Standard normal scores, finite: beyond the distribution's edge as far as numbers go."""
+        """Return standard normal scores, clipped to ±37 beyond the distribution's edge."""
         return np.clip(self.family.scores(self.fitted, values), -37.0, 37.0)
 
     def at(self, score: float) -> float:
-        """The value at a standard normal score: 0 the median, ±3 the percentiles 99.865 and 0.135."""
+        """Return the value at a standard normal score: 0 the median, ±3 the percentiles 99.865 and 0.135."""
         return float(self.family.quantiles(self.fitted, np.array([score]))[0])
 
     def bic(self, values: Floats) -> float:
-        """Bayes' information criterion: the less, the likelier."""
+        """Return Bayes' information criterion: the less, the more likely."""
         return self.family.free * float(np.log(len(values))) - 2 * float(self.log_density(values).sum())
 
     def log_density(self, values: Floats) -> Floats:
-        """The logarithm of the density, by the slope of the scores."""
+        """Return the logarithm of the density, by the slope of the scores."""
         step = 1e-4 * float(values.std())
         slope = (self.scores(values + step) - self.scores(values - step)) / (2 * step)
         return np.asarray(LOG_ROOT - self.scores(values) ** 2 / 2 + np.log(np.maximum(slope, 1e-300)))
 
 
 def fitting(values: Floats, resolution: float | None = None) -> Fit | None:
-    """The family that fits best, or None. Rounded values (`resolution`) are spread evenly over their steps to be tested."""
+    """Return the family that fits best, or None. Rounded values (`resolution`) are spread evenly over their steps for the test."""
     points = spread_over_steps(values, resolution)
     if not np.ptp(points) > 0:
         return None
     possible = [family for family in FAMILIES if points.min() > 0 or not family.needs_positive]
-    for free in (2, 3):  # three parameters could make a tail of an outlier: first what two explain
+    for free in (2, 3):  # three parameters could fit a tail to an outlier, so two come first
         some = [family for family in possible if family.free == free]
         found = [fit for family in some if (fit := _fit(family, points)) is not None]
         if found:
@@ -234,13 +235,13 @@ def fitting(values: Floats, resolution: float | None = None) -> Fit | None:
 
 
 def normal_fit(values: Floats) -> Fit:
-    """The normal distribution of the values, whether it fits or not."""
+    """Return the normal distribution of the values, whether it fits or not."""
     fitted = FAMILIES[0].fit(values)
     return Fit(FAMILIES[0], fitted, FAMILIES[0].chance(fitted, values))
 
 
 def widest_fit(values: Floats) -> Fit | None:
-    """The lognormal with a threshold, whose skewness is that of the values, whether another fits as well or not."""
+    """Return the lognormal with a threshold, which has the values' skewness, whether it fits or not; None if it has no tails."""
     family = FAMILIES[-1]
     fitted = family.fit(values)
     if not np.isfinite(family.quantiles(fitted, np.array([-REACH, REACH]))).all():
@@ -249,7 +250,7 @@ def widest_fit(values: Floats) -> Fit | None:
 
 
 def spread_over_steps(values: Floats, resolution: float | None) -> Floats:
-    """Values that rounding made equal, spread evenly over their step: a test of a distribution is of values without ties."""
+    """Return rounded values spread evenly over their step, because a test of a distribution is of values without ties."""
     if not resolution:
         return values
     steps = np.round(values / resolution)
@@ -262,7 +263,7 @@ def spread_over_steps(values: Floats, resolution: float | None) -> Floats:
 
 
 def normal_chance(values: Floats) -> float:
-    """The chance of values as far from normal, mean and spread estimated from them (Stephens' approximation)."""
+    """Return the probability of values as far from normal, mean and spread estimated from them (Stephens' approximation)."""
     n = len(values)
     ordered = np.sort((values - values.mean()) / values.std(ddof=1))
     a = _anderson_darling(log_ndtr(ordered), log_ndtr(-ordered[::-1]), n) * (1 + 0.75 / n + 2.25 / n**2)
@@ -278,7 +279,7 @@ def normal_chance(values: Floats) -> float:
 
 
 def _anderson_darling(log_below: Floats, log_above_reversed: Floats, n: int) -> float:
-    """A² of ordered values: the logarithms of the share below each, and above each from the last to the first."""
+    """Return A² of sorted values; the logarithms are of the share below each, and above each from the last to the first."""
     return -n - float(((2 * np.arange(1, n + 1) - 1) * (log_below + log_above_reversed)).sum()) / n
 
 
@@ -292,7 +293,7 @@ def _fit(family: Family, points: Floats) -> Fit | None:
 
 
 def _but_for_outliers(family: Family, points: Floats) -> Fit | None:
-    """The fit of all but the few that lie farthest out, where these are far beyond it."""
+    """Return the fit of all but the few values furthest from the median, if these are far beyond it."""
     n = len(points)
     order = np.argsort(np.abs(points - np.median(points)))
     for left_out in range(1, max(1, int(OUTLIERS * n)) + 1):
@@ -305,15 +306,15 @@ def _but_for_outliers(family: Family, points: Floats) -> Fit | None:
 
 
 def _spread_of_power(even: Floats, power: Floats) -> Floats:
-    """What a greater likelihood makes less; the values have the geometric mean 1."""
+    """Return what a greater likelihood makes smaller; the values have the geometric mean 1."""
     return np.asarray(boxcox(even, power).std(axis=-1, keepdims=True))
 
 
 def _skewness(rows: Floats) -> Floats:
     away = rows - rows.mean(axis=-1, keepdims=True)
-    return np.asarray((away * away * away).mean(axis=-1, keepdims=True))  # a power of three takes many times as long
+    return np.asarray((away * away * away).mean(axis=-1, keepdims=True))  # `**3` takes many times as long
 
 
 def _log(values: Floats) -> Floats:
-    """The logarithm; of what has none, that of next to nothing."""
+    """Return the logarithm, with a lower bound for values that have none."""
     return np.log(np.maximum(values, 1e-300))

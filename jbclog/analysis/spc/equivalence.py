@@ -1,14 +1,14 @@
-"""Whether two means are the same as far as it matters: two one-sided tests (TOST).
+"""Equivalence of two means within a margin: two one-sided tests (TOST).
 
-That no difference was found proves nothing; this asks the other way round. Two means are *equivalent* within a stated margin where
-the 90 % confidence interval of their difference lies within it on both sides, which is both one-sided tests at 5 % (D. J.
-Schuirmann, A Comparison of the Two One-Sided Tests Procedure, J. Pharmacokinetics and Biopharmaceutics 15 (1987)). Variances are
-not taken to be equal (Welch). They are *different* where the interval lies beyond the margin; else it cannot be told.
+No difference found proves nothing; this test asks the opposite question. Two means are *equivalent* within a margin if the 90 %
+confidence interval of their difference lies within it on both sides, which is both one-sided tests at 5 % (D. J. Schuirmann, A
+Comparison of the Two One-Sided Tests Procedure, J. Pharmacokinetics and Biopharmaceutics 15 (1987)). Variances may differ (Welch).
+The means are *different* if the interval lies beyond the margin; otherwise the result is "not known".
 
-`equivalence` takes values that are independent. A run's readings are not: for them `equivalence_of` takes means that know how far
-off they may be at any level of confidence (`judge.bound`). The interval of their difference is half as wide as the root of the sum
-of the squares of both halves (the method of variance estimates recovery; G. Y. Zou and A. Donner, Construction of Confidence
-Limits about Effect Measures, Statistics in Medicine 27 (2008)).
+`equivalence` takes independent values. A run's readings are not independent: for them `equivalence_of` takes means with their
+bounds at any confidence (`analysis/verdict/bounds.py`). Half the width of the interval of their difference is the root of the sum
+of both squared half-widths (the method of variance estimates recovery; G. Y. Zou and A. Donner, Construction of Confidence Limits
+about Effect Measures, Statistics in Medicine 27 (2008)).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ HALVINGS = 20
 
 @dataclass(frozen=True, slots=True)
 class Equivalence:
-    """The difference (second mean minus first), its 90 % interval, the margin, and the chance of the less sure of the two tests."""
+    """The difference (second mean minus first), its 90 % interval, the margin, and the greater p of the two tests."""
 
     difference: float
     low: float
@@ -41,6 +41,7 @@ class Equivalence:
 
     @property
     def verdict(self) -> str:
+        """``equivalent``, ``different`` or ``not known``."""
         if -self.margin < self.low and self.high < self.margin:
             return "equivalent"
         return "different" if self.low > self.margin or self.high < -self.margin else "not known"
@@ -48,14 +49,14 @@ class Equivalence:
 
 @dataclass(frozen=True, slots=True)
 class Mean:
-    """A mean, and half of its two-sided interval at a level of confidence."""
+    """A mean, and half the width of its two-sided interval as a function of the confidence."""
 
     value: float
     half: Callable[[float], float]
 
 
 def equivalence_of(first: Mean, second: Mean, margin: float) -> Equivalence:
-    """TOST of two means by their intervals. Raises `UsageError` where the margin is not above zero."""
+    """Return TOST of two means by their intervals. Raises `UsageError` if the margin is not above zero."""
     _check_margin(margin)
     difference = second.value - first.value
 
@@ -69,7 +70,7 @@ def equivalence_of(first: Mean, second: Mean, margin: float) -> Equivalence:
 
 
 def _chance(half: Callable[[float], float], slack: float) -> float:
-    """The one-sided chance at which half of the interval is as wide as `slack`."""
+    """Return the one-sided probability at which half of the interval is as wide as `slack`."""
     low, high = 0.0, 0.5
     for _ in range(HALVINGS):
         middle = (low + high) / 2
@@ -79,13 +80,13 @@ def _chance(half: Callable[[float], float], slack: float) -> float:
 
 def _check_margin(margin: float) -> None:
     if not (np.isfinite(margin) and margin > 0):
-        raise UsageError(f"a margin of {margin:g}: equivalence is within a margin above zero")
+        raise UsageError(f"the margin must be above 0 (got {margin:g})")
 
 
 def equivalence(first: ArrayLike, second: ArrayLike, margin: float, *, step: float = 0.0) -> Equivalence | Refused:
-    """TOST of two series of independent values; `step` widens the interval where their resolution hides what they vary.
+    """Return TOST of two series of independent values; `step` widens the interval by what their resolution may hide.
 
-    Raises `UsageError` where the margin is not above zero.
+    Raises `UsageError` if the margin is not above zero.
     """
     _check_margin(margin)
     one, two = (np.asarray(values, dtype=np.float64) for values in (first, second))

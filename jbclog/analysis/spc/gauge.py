@@ -1,8 +1,7 @@
-"""Gauge repeatability and reproducibility: how much of what is seen is the measuring, by analysis of variance.
+"""Gauge repeatability and reproducibility: the share of the variation that comes from measuring, by analysis of variance.
 
-The crossed study of AIAG's Measurement Systems Analysis: every operator measures every part several times. The interaction
-is pooled with repeatability where it is not significant, and a variance that comes out below zero counts as zero; both are
-said in `notes`.
+The crossed study of AIAG's Measurement Systems Analysis: every operator measures every part several times. The interaction is
+pooled with repeatability if it is not significant, and a variance below zero counts as zero; `notes` reports both.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class GaugeStudy:
-    """Standard deviations by source, in the unit of the measurements, and what they are of the total, in per cent."""
+    """Standard deviations by source, in the unit of the measurements, with the table of variance."""
 
     repeatability: float
     reproducibility: float
@@ -48,12 +47,12 @@ class GaugeStudy:
     notes: tuple[str, ...]
 
     def percent(self, sigma: float) -> float:
-        """What `sigma` is of the total variation, in per cent of study variation."""
+        """Return `sigma` as a percentage of the total variation."""
         return 100 * sigma / self.total
 
     @property
     def verdict(self) -> str:
-        """AIAG's three classes; a gauge that tells fewer than five categories apart is none of a process."""
+        """One of AIAG's three classes; fewer than five distinct categories are not enough for process control."""
         percent = self.percent(self.gauge)
         if percent > TOLERABLE or self.categories < 2:
             return "unacceptable"
@@ -61,12 +60,12 @@ class GaugeStudy:
 
 
 def gauge_study(measurements: ArrayLike) -> GaugeStudy:
-    """The study of `measurements` with shape (parts, operators, trials). Raises `UsageError` where it is not crossed."""
+    """Return the study of `measurements` of shape (parts, operators, trials). Raises `UsageError` if it is not crossed."""
     data = np.asarray(measurements, dtype=np.float64)
     if data.ndim != 3 or min(data.shape) < 2:
-        raise UsageError(f"a gauge study takes two parts, operators and trials at least; the shape is {data.shape}")
+        raise UsageError(f"a gauge study needs at least two parts, operators and trials (got shape {data.shape})")
     if not np.isfinite(data).all():
-        raise UsageError("every operator has to measure every part in every trial; some are missing")
+        raise UsageError("a gauge study needs a finite measurement of every part by every operator in every trial")
     parts, operators, interaction, rest = _table(data)
     table: tuple[Source, ...] = (parts, operators, interaction, rest)
     pooled = interaction.chance is not None and interaction.chance > POOLED_ABOVE
@@ -97,7 +96,7 @@ def _pooled(interaction: Source, rest: Source) -> Source:
 
 
 def _against(source: Source, other: Source) -> Source:
-    """The source with its F against another."""
+    """Return the source with its F against another source."""
     if not other.mean_square:
         return source
     f = source.mean_square / other.mean_square

@@ -1,6 +1,6 @@
-"""The eight tests for special causes (Nelson 1984), on points counted in standard deviations from the centre line.
+"""The eight tests for special causes (Nelson 1984), on points in standard deviations from the centre line.
 
-A signal stands at the point that completes a pattern. Points on a line belong to neither side of it.
+A signal is at the point that completes a pattern. Points on a line belong to neither side of it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 Zones = NDArray[np.float64]
 """Points as distances from the centre line in standard deviations."""
 Windows = NDArray[np.float64]
-"""As many neighbouring points as a test looks at, one row for each place."""
+"""As many neighbouring points as a test examines, one row for each place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,9 +34,9 @@ class Signal:
 
 @dataclass(frozen=True, slots=True)
 class Test:
-    """One of the tests: how many neighbouring points it looks at, and whether they are out of the ordinary.
+    """One of the tests: how many neighbouring points it examines, and whether they are unusual.
 
-    `rate` is how often a point of a stable normal process completes it, where that is known in closed form.
+    `rate` is how often a point of a stable normal process completes it, if that is known in closed form.
     """
 
     points: int
@@ -46,7 +46,7 @@ class Test:
 
 
 def _beyond(sigmas: float, enough: int) -> Callable[[Windows], NDArray[np.bool_]]:
-    """Whether enough of the points, the last among them, are beyond so many sigmas on the same side."""
+    """Return a test that enough of the points, the last among them, are beyond so many sigmas on the same side."""
 
     def meets(windows: Windows) -> NDArray[np.bool_]:
         above, below = windows > sigmas, windows < -sigmas
@@ -90,15 +90,15 @@ TESTS = (
 
 ALL_TESTS = tuple(range(1, 9))
 DEFAULT_TESTS = (1, 2, 3, 5)
-"""What a chart is tested by where nothing else is asked: all eight signal on most stable series of a hundred points."""
+"""The tests of a chart unless others are given; all eight signal on most stable series of a hundred points."""
 
 
 @dataclass(frozen=True, slots=True)
 class FalseAlarms:
     """What tests signal on a stable normal process, by simulation (`false_alarms`).
 
-    `per_100`: signals in 100 points with known limits, counted where they begin. `run_length`: points to the first signal, on
-    average, with known limits. `series`: the share of series of 100 points with a signal, limits from the series itself.
+    `per_100`: signals in 100 points with known limits, counted where they begin. `run_length`: points to the first signal on
+    average, with known limits. `series`: the share of series of 100 points with a signal, with limits from the series itself.
     """
 
     per_100: float
@@ -117,17 +117,17 @@ FALSE_ALARMS = {
     DEFAULT_TESTS: FalseAlarms(0.87, 118.0, 0.53),
     ALL_TESTS: FalseAlarms(1.46, 74.0, 0.71),
 }
-"""Of the default and of all eight; a campaign holds them against a new simulation."""
+"""Of the default tests and of all eight; a campaign compares them with a new simulation."""
 
 
 def false_alarms(tests: tuple[int, ...], series: int, seed: int) -> FalseAlarms:
-    """The false alarms of any tests: so many series of 100 stable points, and as many points in one row for the run length."""
+    """Return the false alarms of these tests, by simulation of so many series of 100 stable points."""
     generator = np.random.default_rng(seed)
     points = generator.normal(size=100 * series)
     at = np.unique([one.last for one in signals(points, tests)])
     begun = at[np.diff(at, prepend=-2) > 1] if len(at) else at
     lengths, start = [], 0
-    while start < len(points) - 5000:  # each run begins anew: what lay before its start is not looked at
+    while start < len(points) - 5000:  # each run begins anew, without the points before its start
         ahead = points[start : start + 5000]
         first = min((one.last for one in signals(ahead[:500], tests)), default=None)
         if first is None:
@@ -142,7 +142,7 @@ def false_alarms(tests: tuple[int, ...], series: int, seed: int) -> FalseAlarms:
 
 
 def signals(zones: Zones, tests: tuple[int, ...] = ALL_TESTS) -> tuple[Signal, ...]:
-    """All signals of the named tests, in the order of the points that complete them."""
+    """Return all signals of these tests, in the order of the points that complete them."""
     found: list[Signal] = []
     for number in tests:
         test = TESTS[number - 1]

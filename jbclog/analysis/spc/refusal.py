@@ -1,8 +1,8 @@
-"""Why a chart or an index is not given.
+"""Reasons to refuse a chart or an index.
 
-What is refused misleads in a way that was measured: an individuals chart of values whose neighbours are alike (lag-1
-correlation 0.9) calls a third of them out of control, and its sigma is three times too small; a spread below the
-resolution makes Cpk as large as one likes.
+Each refusal prevents a mistake whose size was measured: an individuals chart of values whose neighbours are alike (lag-1
+correlation 0.9) shows a third of them out of control, with a sigma three times too small; a spread below the resolution makes Cpk
+as large as one likes. See docs/explanation/capability.md.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import ndtr, ndtri, pdtrc, stdtr
 
 from jbclog.analysis.spc.charts import BEYOND_3, Chart
-from jbclog.analysis.spc.distribution import LOG_ROOT, Fit, Floats, normal_chance
+from jbclog.analysis.spc.distribution import LOG_ROOT, Fit, Floats
 from jbclog.analysis.spc.nelson import TESTS, signals
 
 CLEARLY: Final = 10.0  # BIC; "very strong" of Kass and Raftery 1995
@@ -26,17 +26,16 @@ MOST_ROUNDS: Final = 200
 LEAST_POINTS = 20  # for limits of a chart; fewer are guesses (Montgomery: 20 to 25)
 LEAST_FOR_CAPABILITY = 30  # at which the lower bound of a Cpk of 1.33 is 1.03
 MOST_LAG_1 = 0.3
-ALIKE = 0.01  # chance of a correlation as high in values that have nothing to do with each other
-LEAST_STEPS = 5  # different values, below which the resolution and not the process makes the spread
+ALIKE = 0.01  # chance of a correlation as high in independent values
+LEAST_STEPS = 5  # distinct values; with fewer, the spread is that of the resolution
 BY_CHANCE = 0.01  # chance that a stable process gives so many signals
 SHIFT_BY_CHANCE = 0.005  # of a step, and of a drift, in a process that has neither
-NOT_NORMAL = 0.01
 LEAST_FOR_PERCENTILES = 741  # of which one in 0.135 % is expected
 
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """Why there is no figure: `kind` for programs, `text` for people."""
+    """Why there is no result: `kind` for programs, `text` for people."""
 
     kind: str
     text: str
@@ -46,33 +45,33 @@ Check = Callable[[], Refused | None]
 
 
 def first_refusal(checks: Iterable[Check]) -> Refused | None:
-    """The first that refuses, in the order in which they are worth telling."""
+    """Return the first refusal of these checks, or None; the most useful reason comes first."""
     return next((refused for check in checks if (refused := check()) is not None), None)
 
 
 def too_few(count: int, least: int, what: str) -> Refused | None:
-    """Limits and indices of a handful of values say more about the handful than about the process."""
+    """Refuse too few values: their limits and indices describe the values more than the process."""
     if count >= least:
         return None
     return Refused("too_few", f"{there_are(count, what)}; it takes at least {least}.")
 
 
 def there_are(count: int, what: str) -> str:
-    """``There are 3 days with alarms``, ``There is 1 day with alarms``."""
+    """Return ``There are 3 days with alarms``, ``There is 1 day with alarms``."""
     noun, *rest = what.split(" ", 1)
     one = noun.removesuffix("es" if noun.endswith("ches") else "s")
     return f"There {'is' if count == 1 else 'are'} {count} {' '.join([one if count == 1 else noun, *rest])}"
 
 
 def lag_1(points: Floats) -> float:
-    """How far neighbours are alike: the correlation of each value with the next."""
+    """Return the correlation of each value with the next."""
     away = points - points.mean()
     total = float(away @ away)
     return float(away[:-1] @ away[1:]) / total if total else 0.0
 
 
 def autocorrelated(points: Floats) -> Refused | None:
-    """Values whose neighbours are alike have limits that are far too narrow."""
+    """Refuse values whose neighbours are alike: their limits would be far too narrow."""
     found, chance = lag_1(points), float(-ndtri(ALIKE)) / sqrt(len(points))
     if found <= max(MOST_LAG_1, chance):
         return None
@@ -81,7 +80,7 @@ def autocorrelated(points: Floats) -> Refused | None:
 
 
 def unresolved(points: Floats, sigma: float, resolution: float | None) -> Refused | None:
-    """A spread that the resolution made, or hid."""
+    """Refuse a spread that the resolution made or hid."""
     if not resolution:
         if sigma > 0:
             return None
@@ -94,9 +93,9 @@ def unresolved(points: Floats, sigma: float, resolution: float | None) -> Refuse
 
 
 def unstable(chart: Chart, distances: Floats) -> Refused | None:
-    """A point further out, or more signals, than a stable process gives by chance; of long series some are expected.
+    """Refuse a point further out, or more signals, than a stable process gives by chance; in long series some are expected.
 
-    `distances`: how far each point certainly is from the centre; 0 where it may be on either side, as a rounded value may.
+    `distances` is how far each point certainly is from the centre; 0 if it may be on either side, as a rounded value may.
     """
     n, zones = len(distances), distances / chart.sigma
     furthest = float(np.abs(zones).max())
@@ -108,7 +107,7 @@ def unstable(chart: Chart, distances: Floats) -> Refused | None:
 
 
 def _too_often(number: int, zones: Floats, rate: float) -> Refused | None:
-    """More signals of one of Nelson's tests than its rate explains."""
+    """Refuse more signals of one of Nelson's tests than its rate explains."""
     seen = _count_runs([one.last for one in signals(zones, (number,))])
     if not seen or pdtrc(seen - 1, rate * len(zones)) >= BY_CHANCE:
         return None
@@ -117,10 +116,10 @@ def _too_often(number: int, zones: Floats, rate: float) -> Refused | None:
 
 
 def rate_of_nine(sides: Floats) -> float:
-    """How often nine in a row on one side begin at a point, where the values lie above as often as these do.
+    """Return how often nine in a row on one side begin at a point, if values lie above as often as these do.
 
     Values on neither side are left out, as in any test of runs (Gibbons and Chakraborti, Nonparametric Statistical Inference,
-    chapter 3); the others need not be halved, as steps of a resolution seldom lie evenly about the centre.
+    chapter 3). The sides need not be equal, because steps of a resolution seldom lie evenly about the centre.
     """
     above = float(np.mean(sides > 0)) if len(sides) else 0.5
     below = 1 - above
@@ -128,12 +127,12 @@ def rate_of_nine(sides: Floats) -> float:
 
 
 def _count_runs(places: list[int]) -> int:
-    """How often a pattern began; one that goes on from point to point is one."""
+    """Return how often a pattern began; one that continues from point to point counts once."""
     return sum(before is None or place > before + 1 for before, place in zip([None, *places], places, strict=False))
 
 
 def shifted(points: Floats) -> Refused | None:
-    """A step or a drift, by ranks: whatever the distribution (Pettitt 1979; Spearman)."""
+    """Refuse a step or a drift, by ranks and so for any distribution (Pettitt 1979; Spearman)."""
     n, ranks = len(points), ranked(points)
     sums = np.cumsum(2 * ranks - (n + 1))[:-1]
     place = int(np.abs(sums).argmax())
@@ -152,7 +151,7 @@ def shifted(points: Floats) -> Refused | None:
 
 
 def mixed(points: Floats, fit: Fit, resolution: float | None) -> Refused | None:
-    """TwoPopulations processes in one series."""
+    """Refuse two processes in one series."""
     two = two_populations(points, fit, resolution)
     if two is None:
         return None
@@ -161,37 +160,23 @@ def mixed(points: Floats, fit: Fit, resolution: float | None) -> Refused | None:
 
 
 def ranked(points: Floats) -> Floats:
-    """The rank of each value from 1; equal ones share the mean of theirs."""
+    """Return the rank of each value from 1; equal values share the mean of their ranks."""
     _, places, counts = np.unique(points, return_inverse=True, return_counts=True)
     return np.asarray((np.cumsum(counts) - (counts - 1) / 2)[places], dtype=np.float64)
 
 
 def rank_scores(points: Floats) -> Floats:
-    """Normal scores by rank alone, for values that no distribution fits."""
+    """Return normal scores by rank alone, for values that no distribution fits."""
     return np.asarray(ndtri((ranked(points) - 0.5) / len(points)))
 
 
-def not_normal(points: Floats) -> Refused | None:
-    """Why there is no normal index; kept for series that are known to be normal (Anderson-Darling)."""
-    chance = anderson_darling_chance(points)
-    if chance >= NOT_NORMAL:
-        return None
-    text = f"The values are not normally distributed (Anderson-Darling, p = {chance:.2g}), "
-    return Refused("not_normal", text + "so the index would not mean the share that it is read as.")
-
-
 def no_distribution(points: Floats) -> Refused | None:
-    """Where no family fits, percentiles of the values themselves take many of them."""
+    """Refuse few values that no family fits: their own percentiles need many."""
     n = len(points)
     if n >= LEAST_FOR_PERCENTILES:
         return None
     text = f"No distribution fits the {n} values (Anderson-Darling, p below 0.05 for normal, lognormal, Weibull and Box-Cox); "
     return Refused("not_normal", f"{text}their own percentiles 0.135 and 99.865 take at least {LEAST_FOR_PERCENTILES} values.")
-
-
-def anderson_darling_chance(points: Floats) -> float:
-    """The chance of values as far from normal, mean and spread estimated from them (Stephens' approximation)."""
-    return normal_chance(points)
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +189,12 @@ class TwoPopulations:
 
 
 def two_populations(values: Floats, one: Fit, resolution: float | None = None) -> TwoPopulations | None:
-    """The two populations, where they explain the values clearly better than the one distribution."""
+    """Return two populations (two tips, two recipes, joints and touches) if they explain the values clearly better than one.
+
+    A mixture of two normal distributions must be clearly more likely than the one distribution that fits best and than an even
+    spread (BIC, by `CLEARLY`), and the two must lie clearly apart: D of Ashman, Bird and Zepf (Astronomical Journal 108, 1994)
+    above 2, which a mixture needs to have two peaks.
+    """
     n, ordered = len(values), np.sort(values)
     floor = max(0.1 * float(values.std()), (resolution or 0.0) / sqrt(12))
     found, likelihood = _mixture(ordered, floor)
@@ -217,7 +207,7 @@ def two_populations(values: Floats, one: Fit, resolution: float | None = None) -
 
 
 def _mixture(ordered: Floats, floor: float) -> tuple[TwoPopulations, float]:
-    """The likeliest mixture of two, and the logarithm of its likelihood; from the gap that parts the values best."""
+    """Return the most likely mixture of two and its log-likelihood; starts from the gap that separates the values best."""
     n = len(ordered)
     counts = np.arange(1, n)
     sums = np.cumsum(ordered)[:-1]

@@ -1,4 +1,4 @@
-"""What people ask for: a chart or an index of a feature, or the sentence that says why there is none."""
+"""The entry points: a chart or an index of a feature, or the reason why it is refused."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from jbclog.core.errors import UsageError
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProbabilityPlot:
-    """Ordered values against the normal scores of their ranks (Blom), and the line of the distribution, where one fits."""
+    """Sorted values against the normal scores of their ranks (Blom), and the line of the distribution, if one fits."""
 
     scores: Floats
     values: Floats
@@ -44,10 +44,11 @@ class ProbabilityPlot:
 def control_chart(
     values: ArrayLike, *, resolution: float | None = None, tests: tuple[int, ...] = DEFAULT_TESTS
 ) -> tuple[Chart, Chart] | Refused:
-    """The individuals and the moving range chart of a feature in the order in which it came; NaN, not known, is left out.
+    """Return the individuals chart and the moving range chart of a feature, or the reason for a refusal.
 
-    Limits are those of the distribution that fits, of a normal one where none does: what is unstable has none, and shows.
-    `resolution` is the least step of the values, in their unit. Raises `UsageError` where a value is infinite.
+    `values` are in the order in which they were measured; NaN (not known) is left out. `resolution` is the smallest step of the
+    values, in their unit. The limits are those of the distribution that fits, or of a normal one if none does: an unstable process
+    fits none, and the chart shows it. Raises `UsageError` if a value is infinite.
     """
     points = _known_values(values)
     refused = first_refusal(
@@ -66,7 +67,7 @@ def control_chart(
 def subgroup_charts_by_sd(
     subgroups: ArrayLike, *, resolution: float | None = None, tests: tuple[int, ...] = DEFAULT_TESTS
 ) -> tuple[Chart, Chart] | Refused:
-    """The charts of means and standard deviations of subgroups, a row each (X-bar and S)."""
+    """Return the charts of means and standard deviations of subgroups, a row each (X-bar and S)."""
     rows = np.asarray(subgroups, dtype=np.float64)
     refused = first_refusal(
         (
@@ -79,9 +80,10 @@ def subgroup_charts_by_sd(
 
 
 def phase_one(values: ArrayLike, *, resolution: float | None = None) -> Chart | Refused:
-    """The individuals chart whose limits may be kept for later values: of a feature that is stable and follows a distribution.
+    """Return the individuals chart whose limits may be used for later values, of a feature that is stable and follows a
+    distribution.
 
-    Raises `UsageError` where a value is infinite.
+    Raises `UsageError` if a value is infinite.
     """
     points = _known_values(values)
     fit = _stable(points, resolution)
@@ -94,7 +96,7 @@ def phase_one(values: ArrayLike, *, resolution: float | None = None) -> Chart | 
 
 
 def subgroup_charts(subgroups: ArrayLike, *, resolution: float | None = None) -> tuple[Chart, Chart] | Refused:
-    """The charts of means and ranges of subgroups, a row each."""
+    """Return the charts of means and ranges of subgroups, a row each (X-bar and R)."""
     rows = np.asarray(subgroups, dtype=np.float64)
     refused = first_refusal(
         (
@@ -109,16 +111,16 @@ def subgroup_charts(subgroups: ArrayLike, *, resolution: float | None = None) ->
 def capability(
     values: ArrayLike, *, lower: float | None = None, upper: float | None = None, resolution: float | None = None
 ) -> Capability | Refused:
-    """Cp, Cpk, Pp and Ppk of a feature against its limits, with bounds; NaN, not known, is left out, and `n` counts the others.
+    """Return Cp, Cpk, Pp and Ppk of a feature against its limits, with bounds, or the reason for a refusal.
 
-    The distribution comes first, then stability on the scale on which it is normal, then the indices by its percentiles.
-
-    Raises `UsageError` where no limit is stated, the lower one is not below the upper, or a value is infinite.
+    NaN (not known) is left out, and `n` counts the other values. First a distribution is fitted, then stability is tested on the
+    scale on which it is normal, then the indices come from its percentiles. Raises `UsageError` if no limit is given, the lower one
+    is not below the upper, or a value is infinite.
     """
     if lower is None and upper is None:
-        raise UsageError("capability is held against limits: state a lower or an upper one, or both")
+        raise UsageError("capability needs a lower limit, an upper limit or both")
     if lower is not None and upper is not None and lower >= upper:
-        raise UsageError(f"the lower limit {lower:g} is not below the upper limit {upper:g}")
+        raise UsageError(f"the lower limit must be below the upper limit {upper:g} (got {lower:g})")
     points = _known_values(values)
     fit = _stable(points, resolution)
     if isinstance(fit, Refused):
@@ -131,7 +133,7 @@ def capability(
 
 
 def _stable(points: Floats, resolution: float | None) -> Fit | Refused | None:
-    """The distribution of a stable feature; None where none fits, and the values are enough to go by their own percentiles."""
+    """Return the distribution of a stable feature; None if none fits and there are enough values for their own percentiles."""
     step = _step(points, resolution)
     refused = first_refusal(
         (
@@ -156,13 +158,13 @@ def _stable(points: Floats, resolution: float | None) -> Fit | Refused | None:
 
 
 def probability_plot(values: ArrayLike, *, resolution: float | None = None) -> ProbabilityPlot:
-    """The values against the scores of their ranks, and the line of the distribution that fits.
+    """Return the values against the scores of their ranks, and the line of the distribution that fits.
 
-    Raises `UsageError` where there are fewer than two values, or one is infinite.
+    Raises `UsageError` if there are fewer than two values, or one is infinite.
     """
     points = np.sort(_known_values(values))
     if len(points) < 2:
-        raise UsageError(f"a probability plot takes at least two values, not {len(points)}")
+        raise UsageError(f"a probability plot needs at least two values (got {len(points)})")
     ranks = np.asarray(ndtri((np.arange(1, len(points) + 1) - 0.375) / (len(points) + 0.25)))
     fit = fitting(points, _step(points, resolution))
     line = None if fit is None else fit.family.quantiles(fit.fitted, ranks)
@@ -170,10 +172,10 @@ def probability_plot(values: ArrayLike, *, resolution: float | None = None) -> P
 
 
 def _out_of_control(points: Floats, fit: Fit | None, scores: Floats, step: float | None) -> Refused | None:
-    """Points and patterns as no stable process has them, on the scale on which the values are normal.
+    """Return a refusal for points and patterns that no stable process has, on the scale on which the values are normal.
 
-    Limits are from the values as they were read, so that they have the resolution's share. Against them stands what is certain of
-    each value: it lies as near to the centre as its step allows; one whose step holds the centre is on no side of it.
+    Limits come from the values as read, so they include the resolution. Compared with them is what is certain of each value: it
+    lies as close to the centre as its step allows, and a value whose step contains the centre is on neither side of it.
     """
     chart = charts.individuals(scores)
     if not step:
@@ -186,7 +188,7 @@ def _out_of_control(points: Floats, fit: Fit | None, scores: Floats, step: float
 
 
 def _step(points: Floats, resolution: float | None) -> float | None:
-    """The step of the values: the one that is stated, or the least difference where most of them are equal to another."""
+    """Return the step of the values: the stated one, or their least difference if most of them are equal to another."""
     distinct = np.unique(points)
     if resolution or len(distinct) > len(points) / 2 or len(distinct) < 2:
         return resolution
@@ -194,10 +196,10 @@ def _step(points: Floats, resolution: float | None) -> float | None:
 
 
 def _known_values(values: ArrayLike) -> Floats:
-    """The values that are known, in their order; NaN is one that is not."""
+    """Return the values without NaN, in order."""
     points = np.asarray(values, dtype=np.float64)
     if points.ndim != 1:
-        raise UsageError(f"a feature is one value after another, not an array of shape {points.shape}")
+        raise UsageError(f"a feature must be one-dimensional (got shape {points.shape})")
     if np.isinf(points).any():
-        raise UsageError("a feature is finite: an infinite value comes of a division by zero before it got here")
+        raise UsageError("a feature must be finite; an infinite value comes from a division by zero in its computation")
     return points[~np.isnan(points)]

@@ -106,7 +106,7 @@ def test_a_point_beyond_the_limit_is_a_signal_on_every_chart() -> None:
 
 @pytest.mark.parametrize("wrong", [[1.0], [1.0, float("nan"), 2.0], [[1.0, 2.0]]])
 def test_what_is_no_row_of_known_values_is_refused(wrong: list[float]) -> None:
-    with pytest.raises(ValueError, match="a chart takes"):
+    with pytest.raises(ValueError, match="a chart needs"):
         individuals(wrong)
 
 
