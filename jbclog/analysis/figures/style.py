@@ -98,11 +98,6 @@ class Format:
     def height_pt(self) -> float:
         return 72 * self.height_in
 
-    @property
-    def line_pt(self) -> float:
-        """The distance of two lines of text in points."""
-        return 1.25 * self.font_pt
-
 
 WIDE: Final = Format("wide", 7.4, 3.5, 7.5, 800, 9, 80)
 NARROW: Final = Format("narrow", 3.9, 3.6, 7.5, 400, 5, 40)

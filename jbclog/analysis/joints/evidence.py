@@ -34,6 +34,7 @@ from jbclog.record.parts import row_groups
 from jbclog.record.schema import SCHEMAS
 
 EDGE_S: Final = 1.0
+NOTHING_RECORDED: Final = "Nothing was recorded at all."
 COUNTERS: Final = ["time", "station", "port", "counter", "value"]
 Evidence = dict[tuple[str, int], PortJoints]
 
@@ -59,11 +60,12 @@ def _in_windows(folder: Path, stations: Sequence[StationFacts], steps: Sequence[
     return {key: _port_joints(port.found, rows.rows(key), rows.period_s(key)) for key, port in ports.items()}
 
 
-def _port_joints(found: FoundJoints, rows: int, period_s: float) -> PortJoints:
+def _port_joints(found: FoundJoints, rows: int, period_s: float, feeds: Feeds | None = None) -> PortJoints:
+    """Return the joints found in so many rows as evidence."""
     if not rows:
-        return PortJoints(why="Nothing was recorded at all.")
-    recoveries = [_recovery(joint) for joint in found.joints]
-    return PortJoints(recoveries, None, found.heat_why or found.why, _possibly_unseen(rows * period_s, found), found.unseen_s)
+        return PortJoints(why=NOTHING_RECORDED)
+    recoveries, unseen_joints = [_recovery(joint) for joint in found.joints], _possibly_unseen(rows * period_s, found)
+    return PortJoints(recoveries, feeds, found.heat_why or found.why, unseen_joints, found.unseen_s)
 
 
 def _whole(folder: Path, stations: Sequence[StationFacts], steps: Sequence[Step], t0_us: int) -> Evidence:
@@ -90,15 +92,13 @@ def _counters(folder: Path, station: str) -> pa.Table:
 
 def _whole_port(series: Series, options: JointOptions, stepped_s: float) -> PortJoints:
     if not len(series.seconds):
-        return PortJoints(why="Nothing was recorded at all.")
+        return PortJoints(why=NOTHING_RECORDED)
     found = find_joints(series, options)
-    recoveries = [_recovery(joint) for joint in found.joints]
     feeds = None
     if found.heat_why is None:
         why = found.number_why
         feeds = feeds_of(series, found.by_heat, stepped_s) if why is None else Feeds(0, 0, 0, None, why=why)
-    hidden = _possibly_unseen(len(series.seconds) * series.period_s, found)
-    return PortJoints(recoveries, feeds, found.heat_why or found.why, hidden, found.unseen_s)
+    return _port_joints(found, len(series.seconds), series.period_s, feeds)
 
 
 def _possibly_unseen(seconds: float, found: FoundJoints) -> int:

@@ -59,6 +59,7 @@ from jbclog.analysis.joints.thermal import (
 )
 from jbclog.analysis.verdict.idle import Flags, Floats
 
+NEVER_READ: Final = "Temperature and power of a working tool were never read together."
 ROUNDS, FINALISTS = 3, 2
 MARGIN_S: Final = 0.2
 HOT_C: Final = 85.0  # a colder tip shows little of its losses
@@ -103,22 +104,23 @@ def identify(parts: Sequence[ReadyStretch]) -> Identification:
     """Return the thermal model of the tip in these stretches of one tool."""
     parts = model_windows(parts)
     if not parts:
-        return Identification(None, "Temperature and power of a working tool were never read together.")
+        return Identification(None, NEVER_READ)
     delay = delay_of(parts)
     parts = [ReadyStretch(part.stretch.power_later(delay.rows), part.ready) for part in parts]
-    rows = [_balanced(part) for part in parts]
+    balanced = [_balanced(part) for part in parts]
     stretches = [part.stretch for part in parts]
     reading = _ReadingNoise(temperature_noise(stretches), power_noise(stretches))
-    usable = np.concatenate([one.usable for one in rows])
+    usable = np.concatenate([one.usable for one in balanced])
     if usable.sum() < LEAST_REST_ROWS:
         return Identification(None, f"The tip was hot in {int(usable.sum())} readings; its heat balance takes {LEAST_REST_ROWS}.")
-    every = _rows(rows, stretches[0].period_s, reading)
-    known = np.concatenate([one.known for one in rows])
-    started = [_refined_candidate(rows, usable, known, start, reading, 1) for start in _starts(first_estimates(every.take(usable)))]
+    every = _rows(balanced, stretches[0].period_s, reading)
+    known = np.concatenate([one.known for one in balanced])
+    starts = _starts(first_estimates(every.take(usable)))
+    started = [_refined_candidate(balanced, usable, known, start, reading, 1) for start in starts]
     started.sort(key=lambda one: -one.score)
-    candidates = [_refined_candidate(rows, usable, known, one.fit.values, reading, ROUNDS - 1) for one in started[:FINALISTS]]
+    candidates = [_refined_candidate(balanced, usable, known, one.fit.values, reading, ROUNDS - 1) for one in started[:FINALISTS]]
     best = max(candidates, key=lambda one: one.score)
-    found = _plausible_model(rows, best.rest, best.fit, best.noise, reading)
+    found = _plausible_model(balanced, best.rest, best.fit, best.noise, reading)
     return found if found.model is None else replace(found, model=replace(found.model, delay=delay))
 
 
@@ -138,18 +140,18 @@ def _starts(estimates: list[Floats]) -> list[Floats]:
 
 
 def _refined_candidate(
-    rows: Sequence[_BalancedStretch], usable: Flags, known: Flags, start: Floats, reading: _ReadingNoise, rounds: int
+    balanced: Sequence[_BalancedStretch], usable: Flags, known: Flags, start: Floats, reading: _ReadingNoise, rounds: int
 ) -> _Candidate:
     """Find contacts and refine the parameters in turn, `rounds` times, and return the result with its score."""
     fit, rest, score = _Fit(start, np.full((4, 4), np.nan), 0.0), usable, -np.inf
-    noise = _observed_noise(rows, usable, start, reading)
+    noise = _observed_noise(balanced, usable, start, reading)
     for _ in range(rounds):
-        rest = usable & np.concatenate([_rows_at_rest(one, fit.values, noise) for one in rows])
+        rest = usable & np.concatenate([_rows_at_rest(one, fit.values, noise) for one in balanced])
         if rest.sum() < LEAST_REST_ROWS:
             break
-        fit = _refined(rows, rest, known, fit.values, reading.celsius)
-        noise = _observed_noise(rows, usable, fit.values, reading)
-        score = _score(fit, noise, _backward_rows(rows, usable, fit.values, reading), int(usable.sum()))
+        fit = _refined(balanced, rest, known, fit.values, reading.celsius)
+        noise = _observed_noise(balanced, usable, fit.values, reading)
+        score = _score(fit, noise, _backward_rows(balanced, usable, fit.values, reading), int(usable.sum()))
     return _Candidate(fit, noise, rest, score)
 
 

@@ -21,15 +21,13 @@ from jbclog.analysis.joints.doubt import Doubt, doubt_of, why_not_known
 from jbclog.analysis.joints.draws import Draw, find_draws, is_joint
 from jbclog.analysis.joints.feeding import FeederEvidence, feeder_evidence
 from jbclog.analysis.joints.heat_up_end import ready_stretches
-from jbclog.analysis.joints.identify import identify_each
+from jbclog.analysis.joints.identify import NEVER_READ, identify_each
 from jbclog.analysis.joints.levels import resting_levels
 from jbclog.analysis.joints.parameters import JointOptions, JointSettings, regular_every_s, settings_for
 from jbclog.analysis.joints.recovery import Joint, joints_of
 from jbclog.analysis.joints.series import Series, stretches, unseen
 from jbclog.analysis.joints.thermal import ThermalModel
 from jbclog.analysis.joints.tools import Tool, by_tool
-
-NEVER_READ = "Temperature and power of a working tool were never read together."
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,11 +63,6 @@ class FoundJoints:
     def model(self) -> ThermalModel | None:
         """The tip's model, if there was exactly one tool."""
         return self.models[0] if len(self.models) == 1 else None
-
-    @property
-    def by_wire(self) -> bool:
-        """Whether the feeder decides what is a joint."""
-        return self.settings.wire_decides
 
 
 def find_joints(series: Series, options: JointOptions | None = None) -> FoundJoints:

@@ -147,12 +147,12 @@ def weighted_fit(terms: Floats, power: Floats, weight: Floats, stiffness: Floats
 
 
 def bounded_solution(moments: Floats, right: Floats, limits: Sequence[tuple[int, Limits]]) -> Floats:
-    """Return the least squares solution of the normal equations, with sample parameters held within their limits.
+    """Return the least squares solution of the normal equations, with some parameters held within their limits.
 
     The parameters in `limits` are checked in that order; one beyond its limits is set to the nearer of them, and the others are
     solved for again.
     """
-    values = np.linalg.solve(moments, right)
+    values: Floats = np.asarray(np.linalg.solve(moments, right), dtype=np.float64)
     held: list[int] = []
     for place, limits_of in limits:
         low, high = limits_of(values)
@@ -162,4 +162,4 @@ def bounded_solution(moments: Floats, right: Floats, limits: Sequence[tuple[int,
             values[place] = bound
             free = [one for one in range(4) if one not in held]
             values[free] = np.linalg.solve(moments[np.ix_(free, free)], right[free] - moments[np.ix_(free, held)] @ values[held])
-    return np.asarray(values, dtype=np.float64)
+    return values

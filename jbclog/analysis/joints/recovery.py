@@ -76,20 +76,8 @@ class Joint:
         return self.draw.heat
 
     @property
-    def peak(self) -> float | None:
-        return self.draw.peak
-
-    @property
-    def fed(self) -> bool | None:
-        return self.draw.fed
-
-    @property
     def kind(self) -> str:
         return self.draw.kind
-
-    @property
-    def confidence(self) -> float:
-        return self.draw.confidence
 
 
 def joints_of(

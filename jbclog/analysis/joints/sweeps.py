@@ -15,7 +15,7 @@ analysed as a whole (`joints`), because counts and pushes far apart explain each
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -25,8 +25,8 @@ from jbclog.analysis.joints.contacts import flow_into_work
 from jbclog.analysis.joints.doubt import Doubt, doubt_of
 from jbclog.analysis.joints.draws import Draw, find_draws
 from jbclog.analysis.joints.heat_up_end import ReadyStretch
-from jbclog.analysis.joints.identify import identify_each, pieces_for_model
-from jbclog.analysis.joints.joints import NEVER_READ, ByHeat, FoundJoints, concluded, sort_draws
+from jbclog.analysis.joints.identify import NEVER_READ, identify_each, pieces_for_model
+from jbclog.analysis.joints.joints import ByHeat, FoundJoints, concluded, sort_draws
 from jbclog.analysis.joints.levels import Levels, resting
 from jbclog.analysis.joints.parameters import JointOptions, settings_for
 from jbclog.analysis.joints.recovery import MOST_RECOVERY_S, Joint, joints_of
@@ -35,21 +35,8 @@ from jbclog.analysis.joints.thermal import ThermalModel
 from jbclog.analysis.joints.tools import UNKNOWN_CODE, Tool, code_at, merged_by_code
 from jbclog.analysis.joints.windows import WINDOW_S, View, Windows
 
-Sweep = Callable[[], Iterable[Series]]
-"""Reads the rows of a port in pieces of any size; the same rows each time it is called."""
-
 SETTLED_S: Final = 30.0  # a draw that ends so long before the last row does not depend on later rows
 NEAR_S: Final = 10.0
-
-
-def joints_in(sweep: Sweep, options: JointOptions | None = None, window_s: float = WINDOW_S) -> FoundJoints:
-    """Return the joints of a port without a feeder, equal to those that `find_joints` returns for all its rows at once."""
-    port = PortSweeps(options or JointOptions(), window_s)
-    while (windows := port.next_sweep()) is not None:
-        for piece in sweep():
-            windows.take(piece)
-        windows.end()
-    return port.found
 
 
 @dataclass(slots=True)
@@ -239,7 +226,7 @@ class PortSweeps:
 def _seen_again_from(view: View, draws: Sequence[Draw], behind_s: float) -> float | None:
     """Return since when a window must be seen again, because a draw in it may continue beyond its rows; None if not."""
     late = [draw.start_s for draw in draws if view.begin_s <= draw.start_s < view.end_s and draw.end_s > view.last_s - behind_s]
-    return None if view.must or not late else late[0]
+    return None if view.is_final or not late else late[0]
 
 
 def _or_never(moment: float | None) -> float:

@@ -33,14 +33,14 @@ CODES: Final = ("tool", "port_error")
 class View:
     """A window: its own rows, from `begin_s` to before `end_s`, with those on both sides.
 
-    `parts` are the stretches in it, as they are in the whole record. `must`: its rows are not shown again.
+    `parts` are the stretches in it, as they are in the whole record. `is_final`: its rows are not shown again.
     """
 
     series: Series
     parts: Sequence[ReadyStretch]
     begin_s: float
     end_s: float
-    must: bool
+    is_final: bool
 
     @property
     def last_s(self) -> float:
@@ -100,14 +100,14 @@ class Windows:
 
     def _show(self, held: Series) -> None:
         last = int(np.searchsorted(held.seconds, self._end_s + BESIDE_S, side="right"))
-        must = self._end_s - self._begin_s > (MOST_WINDOWS - 0.5) * self._window_s
+        is_final = self._end_s - self._begin_s > (MOST_WINDOWS - 0.5) * self._window_s
         series = placed(rows_of(held, slice(0, last)))
         self._before = self._parts(series)
-        again_s = self._look(View(series, self._before, self._begin_s, self._end_s, must))
-        self._begin_s = self._end_s if again_s is None or must else again_s
-        following = held.seconds[np.searchsorted(held.seconds, self._begin_s)]  # there is one: beyond this window are rows
+        again_s = self._look(View(series, self._before, self._begin_s, self._end_s, is_final))
+        self._begin_s = self._end_s if again_s is None or is_final else again_s
+        following = held.seconds[np.searchsorted(held.seconds, self._begin_s)]  # there is one, because rows follow this window
         self._end_s = max(self._end_s + self._window_s, self._edge(float(following)))
-        self._pieces = [_from(held, self._begin_s - BESIDE_S)]
+        self._pieces = [_copied_from(held, self._begin_s - BESIDE_S)]
 
     def _parts(self, series: Series) -> list[ReadyStretch]:
         return ready_stretches_of_window(stretches(series, begun=[part.stretch for part in self._before]), self._before)
@@ -118,12 +118,12 @@ def joined(pieces: Sequence[Series]) -> Series:
     if len(pieces) == 1:
         return pieces[0]
     rows = [piece.rows for piece in pieces]
-    columns = [_together([getattr(one, name) for one in rows]) for name in (*COLUMNS, *CODES)]
+    columns = [_joined_column([getattr(one, name) for one in rows]) for name in (*COLUMNS, *CODES)]
     known = np.concatenate([piece.known for piece in pieces])
-    return replace(pieces[0], rows=Block(*columns), known=known, feeding=_together([piece.feeding for piece in pieces]))
+    return replace(pieces[0], rows=Block(*columns), known=known, feeding=_joined_column([piece.feeding for piece in pieces]))
 
 
-def _together(columns: Sequence[Any]) -> Any:
+def _joined_column(columns: Sequence[Any]) -> Any:
     return None if any(column is None for column in columns) else np.concatenate(columns)
 
 
@@ -136,12 +136,12 @@ def rows_of(series: Series, rows: slice) -> Series:
     return replace(series, rows=block, known=series.known[rows], feeding=feeding)
 
 
-def _from(series: Series, begin_s: float) -> Series:
+def _copied_from(series: Series, begin_s: float) -> Series:
     """Return a copy of the rows from a moment on, so that those before it are freed; the first row has the codes last read."""
     first = int(np.searchsorted(series.seconds, begin_s))
     kept = rows_of(series, slice(first, None))
     columns = [getattr(kept.rows, name).copy() for name in COLUMNS]
-    codes = [_held_from(getattr(series.rows, name), first) for name in CODES]
+    codes = [_codes_from(getattr(series.rows, name), first) for name in CODES]
     feeding = None if kept.feeding is None else kept.feeding.copy()
     return replace(kept, rows=Block(*columns, *codes), known=kept.known.copy(), feeding=feeding)
 
@@ -151,7 +151,7 @@ def placed(series: Series) -> Series:
     return replace(series, rows=replace(series.rows, working=series.rows.working & series.rows.in_place))
 
 
-def _held_from(codes: Floats | None, first: int) -> Floats | None:
+def _codes_from(codes: Floats | None, first: int) -> Floats | None:
     """Return the codes from this row on, the first of them the one last read."""
     if codes is None:
         return None

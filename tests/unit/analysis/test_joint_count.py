@@ -63,7 +63,7 @@ def test_while_it_goes_on_the_feeder_is_a_witness_too(monkeypatch: pytest.Monkey
     seen: list[bool] = []
 
     def looked(series: Series, asked: JointOptions | None = None) -> FoundJoints:
-        seen.append(find_joints(series, asked).by_wire)
+        seen.append(find_joints(series, asked).settings.wire_decides)
         return find_joints(series, asked)
 
     monkeypatch.setattr("jbclog.analysis.run_metrics.find_joints", looked)

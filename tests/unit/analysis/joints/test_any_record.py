@@ -72,4 +72,4 @@ def test_every_figure_has_a_value_or_a_reason(seed: int) -> None:
     joints = measure_port(series, "tip").joints
     assert all(one.end_s <= two.start_s for one, two in pairwise(joints))
     assert all(series.seconds[0] <= one.start_s <= one.end_s <= series.seconds[-1] for one in joints)
-    assert all(0 <= one.confidence <= 1 for one in joints)
+    assert all(0 <= one.draw.confidence <= 1 for one in joints)

@@ -93,7 +93,7 @@ def test_a_feeder_that_decides_needs_no_number_by_heat(faint: Series, monkeypatc
     at = faint.seconds
     fed = replace(faint, feeding=((at % 5 >= 0.3) & (at % 5 < 0.9) & (at > 15) & (at < 115)).astype(float))
     found = find_joints(fed, JointOptions(wire_decides=True))
-    assert (found.by_wire, found.why, len(found.joints)) == (True, None, 20)
+    assert (found.settings.wire_decides, found.why, len(found.joints)) == (True, None, 20)
     assert found.number_why is not None, "of heat alone"
     monkeypatch.setattr(finding, "why_not_known", lambda *_: None)
     assert find_joints(fed, JointOptions(wire_decides=True)).number_why is None

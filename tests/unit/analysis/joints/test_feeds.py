@@ -103,15 +103,15 @@ def test_a_counted_feed_without_a_draw_is_a_joint_somewhere_between_two_readings
     alone, *others = found.joints
     assert alone.start_s <= 4.0 <= alone.end_s
     assert alone.end_s - alone.start_s < 2.5
-    assert (alone.heat, alone.dwell_s, alone.kind, alone.confidence < 0.5) == (None, None, "not known", True)
+    assert (alone.heat, alone.dwell_s, alone.kind, alone.draw.confidence < 0.5) == (None, None, "not known", True)
     assert [joint.start_s for joint in others] == pytest.approx(STARTS, abs=0.15)
-    assert all(joint.fed and joint.kind == "joint" for joint in others)
+    assert all(joint.draw.fed and joint.kind == "joint" for joint in others)
     assert counts(found) == (19, 19, 1, 0)
 
 
 def test_a_draw_of_which_the_counter_says_that_it_had_no_feed_is_told() -> None:
     found = find_joints(fed([], [end for _, end in (*FEEDS[:7], *FEEDS[8:])]))
-    assert [number for number, joint in enumerate(found.joints) if joint.fed is False] == [7]
+    assert [number for number, joint in enumerate(found.joints) if joint.draw.fed is False] == [7]
     assert found.joints[7].kind == "not known"
     assert counts(found) == (17, 17, 0, 1)
 
@@ -125,7 +125,7 @@ def test_two_feeds_in_one_draw_are_two_joints_cut_where_the_flow_is_lowest() -> 
     parts = [joint for joint in found.joints if joint.draw.cut_by_feeds]
     assert (len(found.joints), len(found.by_heat)) == (7, 6)
     assert [joint.start_s for joint in parts] == pytest.approx([21.0, 22.3], abs=0.25)
-    assert all(joint.confidence <= 0.5 and joint.kind == "joint" for joint in parts)
+    assert all(joint.draw.confidence <= 0.5 and joint.kind == "joint" for joint in parts)
 
 
 def test_a_drag_in_which_wire_is_pushed_again_and_again_is_one() -> None:

@@ -134,7 +134,7 @@ def test_wire_decides_by_what_the_recipe_says() -> None:
     at = series.seconds
     few = ((at % 5 >= 0.3) & (at % 5 < 0.9) & (at > 15) & (at < 40)).astype(float)
     fed = replace(series, feeding=few)
-    assert not find_joints(fed).by_wire  # a quarter of them: the feeder is not what makes the joints
+    assert not find_joints(fed).settings.wire_decides  # a quarter of them: the feeder is not what makes the joints
     assert len(find_joints(fed).joints) == 20
     asked = find_joints(fed, JointOptions(wire_decides=True))
-    assert (asked.by_wire, [joint.kind for joint in asked.joints]) == (True, ["joint"] * 5 + ["not known"] * 15)
+    assert (asked.settings.wire_decides, [joint.kind for joint in asked.joints]) == (True, ["joint"] * 5 + ["not known"] * 15)

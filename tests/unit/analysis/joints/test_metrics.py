@@ -217,10 +217,10 @@ def test_wire_decides_where_a_feeder_tells() -> None:
     wired = lambda at: ((at % 6 >= 4.2) & (at % 6 < 5.0) & (at < 70)).astype(float)  # noqa: E731  # in the first ten joints
     series = soldering()
     found = find_joints(replace(series, feeding=wired(series.seconds)))
-    assert found.by_wire
+    assert found.settings.wire_decides
     alone, *others = found.joints
     assert (alone.start_s, alone.draw.heat) == (pytest.approx(4.2), None)  # a feed of which no draw was found
-    assert alone.confidence < 0.5
+    assert alone.draw.confidence < 0.5
     assert [joint.start_s for joint in others] == pytest.approx(STARTS, abs=0.2)
     assert [joint.kind for joint in others] == ["joint"] * 10 + ["not known"] * 8  # without wire they may as well be wipes
     assert (alone.kind, alone.dwell_s, alone.recovered, alone.deficit_c) == ("not known", None, None, None)
@@ -229,7 +229,7 @@ def test_wire_decides_where_a_feeder_tells() -> None:
     assert seen is not None
     assert (seen.feeds, seen.feeds_without_draw, seen.draws_without_feed) == (11, 1, 8)
     silent = find_joints(replace(series, feeding=np.zeros(len(series.seconds))))
-    assert not silent.by_wire  # nobody feeds here: the wire says nothing
+    assert not silent.settings.wire_decides  # nobody feeds here: the wire says nothing
     assert len(silent.joints) == 18
 
 

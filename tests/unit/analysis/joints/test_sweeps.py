@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, replace
 from functools import cache
 from itertools import pairwise
@@ -18,7 +18,7 @@ from jbclog.analysis.joints.heat_up_end import ReadyStretch, ready_stretches, re
 from jbclog.analysis.joints.joints import FoundJoints, find_joints
 from jbclog.analysis.joints.parameters import JointOptions
 from jbclog.analysis.joints.series import Series, Stretch
-from jbclog.analysis.joints.sweeps import joints_in
+from jbclog.analysis.joints.sweeps import PortSweeps
 from jbclog.analysis.joints.windows import WINDOW_S, rows_of
 from jbclog.analysis.verdict.idle import Block
 from support.plants.scripted_tip import after, shown_late, soldered
@@ -50,6 +50,18 @@ def with_gaps(series: Series, begins: list[int], lost: int) -> Series:
         temperature[begin % len(temperature) :][: 6 + 9 * number] = np.nan
     temperature[lost :: 2 * lost] = np.nan
     return replace(series, rows=replace(series.rows, temperature=temperature))
+
+
+def joints_in(
+    sweep: Callable[[], Iterable[Series]], options: JointOptions | None = None, window_s: float = WINDOW_S
+) -> FoundJoints:
+    """The joints of a port whose rows `sweep` reads in pieces, the same ones each time it is called."""
+    port = PortSweeps(options or JointOptions(), window_s)
+    while (windows := port.next_sweep()) is not None:
+        for piece in sweep():
+            windows.take(piece)
+        windows.end()
+    return port.found
 
 
 def in_pieces(series: Series, cuts: list[int]) -> Iterator[Series]:
