@@ -82,8 +82,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 ONCE_EACH = {
-    "jbclog.analysis.joints.sweeps": ("identify", "doubt_of"),
-    "jbclog.analysis.joints.joints": ("identify", "doubt_of"),
+    "jbclog.analysis.joints.identify": ("identify",),
+    "jbclog.analysis.joints.sweeps": ("doubt_of",),
+    "jbclog.analysis.joints.joints": ("doubt_of",),
     "jbclog.report.paper": ("pdf_of",),
 }
 """What takes more than half of a report, and depends on nothing but its arguments: other processes show that (`test_paper.py`)."""

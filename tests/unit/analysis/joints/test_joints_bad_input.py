@@ -124,7 +124,7 @@ def test_what_a_recipe_asks_for() -> None:
     assert len(find_joints(series).joints) == 4
     assert len(find_joints(series, JointOptions(least_dwell_s=0.7)).joints) == 3
     assert len(find_joints(series, JointOptions(merge_gap_s=0.8)).joints) == 3
-    assert find_joints(series).asked.least_dwell_s == 0.25  # what was taken is said
+    assert find_joints(series).settings.least_dwell_s == 0.25  # what was taken is said
     narrow, wide = (find_joints(series, JointOptions(recovered_within_c=within)).joints[-1] for within in (1.0, 20.0))
     assert (narrow.recovery_s or 99.0) > (wide.recovery_s or 0.0)
 

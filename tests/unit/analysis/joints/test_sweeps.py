@@ -98,8 +98,8 @@ def test_the_joints_do_not_depend_on_how_the_rows_are_read(
     assert len(found.joints) == len(whole.joints)
     assert numbers(found) == pytest.approx(numbers(whole), rel=1e-6, abs=1e-6)
     assert texts(found) == texts(whole)
-    assert replace(found.asked, every_s=None) == replace(whole.asked, every_s=None)
-    assert found.asked.every_s == (None if whole.asked.every_s is None else pytest.approx(whole.asked.every_s))
+    assert replace(found.settings, every_s=None) == replace(whole.settings, every_s=None)
+    assert found.settings.every_s == (None if whole.settings.every_s is None else pytest.approx(whole.settings.every_s))
 
 
 def test_a_draw_longer_than_a_window_is_one_joint_and_keeps_its_heat() -> None:
