@@ -68,7 +68,6 @@ def _typical(seconds: Floats) -> float:
 
 
 def any_state_read(samples: pd.DataFrame) -> list[bool]:
-    """Return for each row whether any state was read."""
     return [bool(there) for there in samples[list(STATE_COLUMNS)].notna().any(axis=1)]
 
 
@@ -102,7 +101,6 @@ def has_air(facts: StationFacts) -> bool:
 
 
 def air_of(samples: pd.DataFrame, seconds: Floats, period_s: float) -> Air:
-    """Return the hot air of one port."""
     sucking = [SUCTION if flag is True else None for flag in _flags(samples, "desoldering")]
     lanes = {FLOW: _flow(samples, seconds, period_s), SUCTION: runs(seconds, sucking, period_s)}
     return Air(_floats(samples[SIGNAL]), {name: spans for name, spans in lanes.items() if spans})

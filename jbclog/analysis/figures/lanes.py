@@ -35,9 +35,7 @@ def least_seen_s(trace: Trace, form: Format) -> float:
 
 
 def lanes_of(trace: Trace, form: Format) -> list[Lane]:
-    """Return the lane of the status, or those of the states, and the other lanes that have spans; indistinguishable spans are
-    merged.
-    """
+    """Return the lane of the status, or those of the states, and the other lanes that have spans; spans too close are merged."""
     least = least_seen_s(trace, form)
     states = trace.states or {"status": trace.status} | ({} if trace.air is None else trace.air.lanes)
     lanes = [Lane(name, _seen(spans, least)) for name, spans in states.items()]

@@ -25,8 +25,6 @@ class JointEnd(StrEnum):
 
 
 class MarkKind(StrEnum):
-    """The kind of a mark."""
-
     ALARM = "alarm"
     UNCONFIRMED = "unconfirmed"
     ERROR = "error"

@@ -163,9 +163,7 @@ def _merged(signals: _Signals, first: Places, last: Places) -> tuple[Places, Pla
 
 
 def _are_apart(signals: _Signals, one: Part, other: Part, valley: tuple[float, float]) -> bool:
-    """Return whether the flow was zero between two parts; `valley` is its lowest between them, as it is and coarse, and is not near
-    zero.
-    """
+    """Return whether the flow was zero between two parts although its lowest there, `valley` (as it is, coarse), is not near it."""
     flow, coarse, noise = signals.flow, signals.coarse, signals.noise
     lowest, lowest_coarse = valley
     near_zero = VALLEY_NOISES * noise.flow

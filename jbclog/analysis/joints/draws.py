@@ -122,7 +122,6 @@ class FlowByTime:
 
 
 def merged_draw(draws: Sequence[Draw]) -> Draw:
-    """Return neighbouring draws as one."""
     first, last = draws[0], draws[-1]
     if first is last:
         return first

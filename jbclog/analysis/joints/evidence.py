@@ -81,7 +81,6 @@ def _whole(folder: Path, stations: Sequence[StationFacts], steps: Sequence[Step]
 
 
 def _rows(facts: StationFacts) -> int:
-    """Return the number of rows of a station."""
     return len(facts.ports) * ((facts.last_tick or 0) - (facts.first_tick or 0) + 1)
 
 

@@ -141,9 +141,9 @@ def _excess_at(moments: Floats, at: Floats, known: Flags, grown: Floats) -> Floa
     seen = np.diff(np.searchsorted(moments, at, side="right"))
     excess = np.where(known, grown - seen, 0.0)
     for place in np.flatnonzero(excess[:-1] * excess[1:] < 0).tolist():
-        both = float(min(abs(excess[place]), abs(excess[place + 1]))) if excess[place] * excess[place + 1] < 0 else 0.0
-        excess[place] -= np.sign(excess[place]) * both
-        excess[place + 1] -= np.sign(excess[place + 1]) * both
+        shared = float(min(abs(excess[place]), abs(excess[place + 1]))) if excess[place] * excess[place + 1] < 0 else 0.0
+        excess[place] -= np.sign(excess[place]) * shared
+        excess[place + 1] -= np.sign(excess[place + 1]) * shared
     return excess
 
 

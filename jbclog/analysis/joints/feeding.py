@@ -111,13 +111,13 @@ def _joined_by_feeds(draws: Sequence[Draw], seen: Sequence[Feed], period_s: floa
         under = [place for place in _places_near(draws, feed) if _overlap(draws[place], feed) >= period_s]
         for place in under[1:]:
             joined[place] = joined[under[0]]
-    together: list[list[Draw]] = []
+    groups: list[list[Draw]] = []
     for place, draw in enumerate(draws):
         if joined[place] < place:
-            together[-1].append(draw)
+            groups[-1].append(draw)
         else:
-            together.append([draw])
-    return [merged_draw(some) for some in together]
+            groups.append([draw])
+    return [merged_draw(group) for group in groups]
 
 
 def _with_feeds(series: Series, draws: Sequence[Draw], events: FeedEvents) -> tuple[list[Draw], list[list[Feed]]]:
@@ -161,32 +161,28 @@ def _while_working(series: Series, feeds: Sequence[Feed]) -> list[Feed]:
 def _merge_pieces(
     draws: Sequence[Draw], draw_feeds: Sequence[list[Feed]], interval_s: float
 ) -> tuple[list[Draw], list[list[Feed]], list[Draw]]:
-    """Return the draws with their pieces merged, the feeds of each, and the draws near another's feed that are no joints of their
-    own.
+    """Return the draws with their pieces merged, the feeds of each, and the draws near another's feed that are no joints.
 
     A feed without a draw makes one joint of the draws before and after it; a draw on one side only may as well be a wipe.
     """
-    to: dict[int, int] = {}
+    owner_of: dict[int, int] = {}
     nearby: set[int] = set()
     for place, feeds in enumerate(draw_feeds):
         is_placed = bool(feeds) and (feeds[0].is_seen or draws[place].heat is not None)
         sides = [_neighbours_without_feed(draws, draw_feeds, place, step, interval_s) for step in (-1, 1)] if is_placed else []
         is_one = draws[place].heat is not None or all(pieces for pieces, _ in sides)
         for pieces, others in sides:
-            to.update((piece, place) for piece in pieces if is_one and piece not in to)
+            owner_of.update((piece, place) for piece in pieces if is_one and piece not in owner_of)
             nearby.update(others if is_one else [*pieces, *others])
-    nearby -= set(to)
+    nearby -= set(owner_of)
     groups: dict[int, list[int]] = {}
     for place in range(len(draws)):
         if place not in nearby:
-            groups.setdefault(to.get(place, place), []).append(place)
-    together = sorted(groups.values())
-    merged = [merged_draw([draws[place] for place in some]) for some in together]
-    return (
-        merged,
-        [[feed for place in some for feed in draw_feeds[place]] for some in together],
-        [draws[place] for place in sorted(nearby)],
-    )
+            groups.setdefault(owner_of.get(place, place), []).append(place)
+    in_order = sorted(groups.values())
+    merged = [merged_draw([draws[place] for place in group]) for group in in_order]
+    feeds_of_merged = [[feed for place in group for feed in draw_feeds[place]] for group in in_order]
+    return merged, feeds_of_merged, [draws[place] for place in sorted(nearby)]
 
 
 def _neighbours_without_feed(
@@ -247,18 +243,8 @@ def _assign_counted(
 
     Changes `draw_feeds` and `alone`; `known` has the intervals of known feeds and stays sorted.
     """
-    places = [place for place in _places_near(draws, counted) if not draw_feeds[place] and _overlap(draws[place], counted) > 0]
-
-    def worth(place: int) -> tuple[bool, float]:
-        draw = draws[place]
-        return 2 * _overlap(draw, counted) >= draw.end_s - draw.start_s, draw.heat or 0.0
-
-    for place in sorted(places, key=worth, reverse=True)[: counted.feeds]:
-        draw = draws[place]
-        feed = Feed(max(draw.start_s, counted.start_s), min(draw.end_s, counted.end_s), False)
-        draw_feeds[place].append(feed)
-        insort(known, (draw.start_s, draw.end_s))
-    for _ in range(counted.feeds - min(len(places), counted.feeds)):
+    assigned = _assign_to_draws(draws, draw_feeds, counted, known)
+    for _ in range(counted.feeds - assigned):
         free = _free_interval(counted, known)
         if free is None:
             return
@@ -268,6 +254,24 @@ def _assign_counted(
             draw_feeds[inside[1]].append(free)
         elif (nearby := _outside_draws(draws, free)) is not None:
             alone.append(nearby)
+
+
+def _assign_to_draws(
+    draws: Sequence[Draw], draw_feeds: list[list[Feed]], counted: CountedFeeds, known: list[tuple[float, float]]
+) -> int:
+    """Assign a feed to each draw in the interval that has none, the largest draw first, and return the number assigned."""
+
+    def priority(place: int) -> tuple[bool, float]:
+        draw = draws[place]
+        return 2 * _overlap(draw, counted) >= draw.end_s - draw.start_s, draw.heat or 0.0
+
+    places = [place for place in _places_near(draws, counted) if not draw_feeds[place] and _overlap(draws[place], counted) > 0]
+    chosen = sorted(places, key=priority, reverse=True)[: counted.feeds]
+    for place in chosen:
+        draw = draws[place]
+        draw_feeds[place].append(Feed(max(draw.start_s, counted.start_s), min(draw.end_s, counted.end_s), False))
+        insort(known, (draw.start_s, draw.end_s))
+    return len(chosen)
 
 
 def _free_interval(counted: CountedFeeds, known: Sequence[tuple[float, float]]) -> Feed | None:

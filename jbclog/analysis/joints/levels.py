@@ -45,7 +45,6 @@ class Levels:
 
 
 def _median(counts: Counter[float]) -> float:
-    """Return the median of counted values."""
     values = sorted(counts)
     behind = list(accumulate(counts[value] for value in values))
     below, above = (bisect_right(behind, place) for place in ((behind[-1] - 1) // 2, behind[-1] // 2))

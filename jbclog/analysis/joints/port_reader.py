@@ -194,7 +194,6 @@ def raw_series(facts: StationFacts, rows: PortRows, period_s: float) -> Series:
 
 
 def port_rows_of(rows: pa.Table, clock: Clock) -> PortRows:
-    """Return the rows of a port as arrays."""
     status, motor = rows["status"], rows["motor"]
     return PortRows(
         clock.seconds(floats(rows["tick"]), micros(rows)),

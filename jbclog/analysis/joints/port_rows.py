@@ -85,8 +85,9 @@ def series_of(
     cycles: Cycles | None = None,
     period_s: float | None = None,
 ) -> Series:
-    """Return the port's rows with what is known of its station; `period_s` is that of a port without a grid, if not all rows are
-    here.
+    """Return the port's rows with what is known of its station.
+
+    `period_s` is the period of a port without a grid; without it, the median distance of these rows.
     """
     errors = rows.port_error if has_tip(facts) else np.full(len(rows.seconds), np.nan)
     block = Block(rows.seconds, rows.temperature, rows.power, rows.setting, rows.working, rows.tool, errors)

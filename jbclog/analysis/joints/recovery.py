@@ -123,7 +123,6 @@ class _Timing:
 
 
 def _timing(series: Series, track: Track, draws: Sequence[Draw], every: Sequence[Draw], fed: Sequence[Draw]) -> _Timing:
-    """Return the timing of each draw."""
     late = np.array([draw.late_s for draw in draws])
     starts, ends = np.array([draw.start_s for draw in draws]) + late, np.array([draw.end_s for draw in draws]) + late
     setpoints = setting_in_force(series.seconds, series.rows.setting)
@@ -212,7 +211,6 @@ def _joules(tip: _Tip, draw: Draw) -> float | None:
 
 
 def _none_where_nan(column: Floats) -> list[float | None]:
-    """Return the values, with None for NaN."""
     return [None if value != value else value for value in column.tolist()]
 
 

@@ -19,9 +19,7 @@ Places = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Segments:
-    """Pieces of a column. `rows` has the rows of all pieces, one piece after the other; `begins` is where each piece begins in
-    `rows`.
-    """
+    """Pieces of a column. `rows` has the rows of all pieces in turn; `begins` is where each piece begins in `rows`."""
 
     first: Places
     last: Places
@@ -56,9 +54,7 @@ class Segments:
         return np.where(inside, self.rows[np.where(inside, hit, 0)], -1) if len(self.first) else hit
 
     def total(self, values: Floats) -> Floats:
-        """Return the sum of each piece. Pieces of one length are summed together, because numpy's order of adding depends on the
-        length.
-        """
+        """Return the sum of each piece. Pieces of one length are summed together: numpy's order of adding depends on the length."""
         found, lengths = np.zeros(len(self.first)), self.lengths
         for length in np.unique(lengths).tolist():
             here = np.flatnonzero(lengths == length)

@@ -146,7 +146,6 @@ class Column(Extent):
     _longest_s: float = 0.0
 
     def add(self, seconds: Floats, values: Floats) -> None:
-        """Add the next rows."""
         if not len(seconds):
             return
         if not self._rows:
@@ -241,7 +240,7 @@ def unseen(series: Series, parts: Sequence[Stretch]) -> tuple[float, int]:
 
 
 class Unseen:
-    """The same for a record that is analysed in windows."""
+    """The time that `unseen` returns, added up window by window."""
 
     def __init__(self) -> None:
         self._seconds, self._pieces = 0.0, 0

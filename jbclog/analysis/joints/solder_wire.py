@@ -1,5 +1,4 @@
-"""Solder wire (soldering feeder, ALE): how much a joint took, whether the set length was delivered, how fast, and suspected
-clogging.
+"""Solder wire of a soldering feeder (ALE): wire per joint, delivery of the set length, speed, and suspected clogging.
 
 Figures come from the counters dispensed_mm and dispensed_cycles (R-DLx, R-DCx), the feeder's settings and the motor's state
 (R-PSx). *Wire* and *feeds* are the last reading of the counter minus the first. *Wire per joint* is wire divided by the joints

@@ -55,7 +55,6 @@ class Noise:
     floors: float = 1.0
 
     def times(self, factor: float) -> Noise:
-        """Return this noise times a factor."""
         return replace(self, flow=factor * self.flow, rate=factor * self.rate, coarse=factor * self.coarse)
 
 

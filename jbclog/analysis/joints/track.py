@@ -19,9 +19,7 @@ EPSILON_S = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Seconds and values of the readings. `gaps` is the number of gaps before each reading; `area` is the integral up to it
-    (trapezoids).
-    """
+    """Seconds and values of the readings; `gaps` is the number of gaps before each, `area` the integral up to it (trapezoids)."""
 
     seconds: Floats
     values: Floats

@@ -77,7 +77,6 @@ class Windows:
         self._before: Sequence[ReadyStretch] = ()
 
     def take(self, piece: Series) -> None:
-        """Take the next rows."""
         if not len(piece.seconds):
             return
         if self._end_s == -inf:
@@ -114,7 +113,6 @@ class Windows:
 
 
 def joined(pieces: Sequence[Series]) -> Series:
-    """Return pieces of a port's rows as one."""
     if len(pieces) == 1:
         return pieces[0]
     rows = [piece.rows for piece in pieces]
@@ -128,7 +126,6 @@ def _joined_column(columns: Sequence[Any]) -> Any:
 
 
 def rows_of(series: Series, rows: slice) -> Series:
-    """Return some of a port's rows."""
     columns: list[Any] = [getattr(series.rows, name) for name in (*COLUMNS, *CODES)]
     feeding = None if series.feeding is None else series.feeding[rows]
     taken: list[Any] = [None if one is None else one[rows] for one in columns]

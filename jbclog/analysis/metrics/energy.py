@@ -46,7 +46,6 @@ class Totals:
         self.temperature, self.power, self.state = (Column(self.period_s, self.gap_s) for _ in range(3))
 
     def take(self, series: Series) -> None:
-        """Add the next rows."""
         seconds, rows = series.seconds, series.rows
         self.temperature.add(seconds, rows.temperature)
         self.power.add(seconds, rows.power)

@@ -118,10 +118,10 @@ def _change_after(series: Series, setting: Floats, start: int, never_s: float) -
 
 def _heat_up(series: Series, start_s: float, first_s: float, end_s: float, aim: float) -> HeatUp:
     temperature = series.rows.temperature
-    looked = series.window(temperature, first_s, min(end_s, start_s + PATIENCE_S))
-    entry = _entry(looked, aim)
+    searched = series.window(temperature, first_s, min(end_s, start_s + PATIENCE_S))
+    entry = _entry(searched, aim)
     if entry is None:
-        return HeatUp(None, None, None, looked.coverage, looked.gap)
+        return HeatUp(None, None, None, searched.coverage, searched.gap)
     window = series.window(temperature, first_s, min(entry + HOLD_S, end_s))
     after = series.window(temperature, entry, min(entry + AFTER_S, end_s))
     overshoot = float(after.values.max() - aim) if after.n else None

@@ -48,7 +48,6 @@ class Idling:
         self._cells: list[_Cells] = []
 
     def take(self, series: Series) -> None:
-        """Add the next rows."""
         if not len(series.seconds):
             return
         held = joined([*self._rows, series])

@@ -130,9 +130,7 @@ def _recovered(found: FoundJoints) -> Figure:
 
 
 def _model_figures(found: FoundJoints) -> list[Figure]:
-    """Return the tip's heat capacity and loss and the delay of its temperature, if there was one tool; resolution: two standard
-    errors.
-    """
+    """Return the tip's capacity, loss and delay if there was one tool; the resolution is twice the standard error."""
     names = (("tip_capacity_permille_s_per_k", "‰·s/K"), ("tip_loss_permille_per_k", "‰/K"))
     model = found.model
     if model is None:

@@ -23,11 +23,11 @@ LIMIT_ONLY = (1,)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chart:
-    """One chart. `sigma` is that of a plotted point (of the last one, on an EWMA chart); `lower` and `upper` have a limit for each
-    point.
+    """One chart; `lower` and `upper` have a limit for each point.
 
-    `distribution` is that of the values. If it is not normal, the limits are its percentiles 0.135 and 99.865, the centre is its
-    median, and the tests use the values' normal scores. `tests` are the tests applied.
+    `sigma` is that of a plotted point, of the last one on an EWMA chart. `distribution` is that of the values. If it is not normal,
+    the limits are its percentiles 0.135 and 99.865, the centre is its median, and the tests use the values' normal scores. `tests`
+    are the tests applied.
     """
 
     name: str

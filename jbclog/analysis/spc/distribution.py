@@ -32,9 +32,7 @@ LOG_ROOT: Final = -0.5 * float(np.log(2 * np.pi))
 
 
 class Family(ABC):
-    """A distribution. Parameters are arrays with one row for each sample, or plain numbers for one sample; `free` is how many are
-    fitted.
-    """
+    """A distribution with `free` parameters: arrays with one row for each sample, or plain numbers for one sample."""
 
     name: str
     free: int

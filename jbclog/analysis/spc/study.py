@@ -80,8 +80,7 @@ def subgroup_charts_by_sd(
 
 
 def phase_one(values: ArrayLike, *, resolution: float | None = None) -> Chart | Refused:
-    """Return the individuals chart whose limits may be used for later values, of a feature that is stable and follows a
-    distribution.
+    """Return the individuals chart of a stable feature that follows a distribution; its limits may be used for later values.
 
     Raises `UsageError` if a value is infinite.
     """
