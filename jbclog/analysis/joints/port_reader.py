@@ -15,12 +15,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.analysis.joints.port_rows import COLUMNS, PUSHING, WORKING, Clock, PortRows, series_of
+from jbclog.analysis.joints.port_rows import COLUMNS, PUSHING, WORKING, Clock
 from jbclog.analysis.joints.series import Series, nominal_period
 from jbclog.analysis.joints.values import Values
 from jbclog.analysis.joints.windows import Windows, joined, placed
-from jbclog.analysis.verdict.idle import Flags, Floats
-from jbclog.analysis.verdict.rules import has_tip
+from jbclog.analysis.verdict.idle import Block, Flags, Floats
+from jbclog.analysis.verdict.rules import has_feeder, has_tip
 from jbclog.analysis.verdict.samples import Counts, Step
 from jbclog.core.rows import StationFacts
 from jbclog.record.schema import SCHEMAS
@@ -86,7 +86,7 @@ class PortReader:
     def like(self, key: Key) -> Series:
         """Return a series without rows, with everything else that the port's rows will have."""
         rows = SCHEMAS["samples"].empty_table().select(COLUMNS)
-        return raw_series(self._facts[key], port_rows_of(rows, self.clock(key)), self._periods[key])
+        return raw_series(self._facts[key], rows, self.clock(key), self._periods[key])
 
     def whole(self) -> dict[Key, tuple[Series, Counts]]:
         """Return all rows of each port at once, and their UTC in microseconds, for what needs the whole record."""
@@ -94,7 +94,7 @@ class PortReader:
         pieces, times = {key: [self.like(key)] for key in self._facts}, {key: [np.empty(0, dtype=np.int64)] for key in self._facts}
         for group in self._groups(COLUMNS):
             for key, rows in self._split(group):
-                pieces[key].append(raw_series(self._facts[key], port_rows_of(rows, clocks[key]), self._periods[key]))
+                pieces[key].append(raw_series(self._facts[key], rows, clocks[key], self._periods[key]))
                 times[key].append(micros(rows))
         return {key: (self._complete(key, placed(joined(pieces.pop(key)))), np.concatenate(times.pop(key))) for key in self._facts}
 
@@ -159,7 +159,7 @@ class PortReader:
             for key, table in self._split(group):
                 table = table if limits is None else table.slice(0, limits[key] - rows[key])
                 rows[key] += table.num_rows
-                piece = raw_series(self._facts[key], port_rows_of(table, clocks[key]), self._periods[key])
+                piece = raw_series(self._facts[key], table, clocks[key], self._periods[key])
                 if table.num_rows:
                     self._last_s[key] = float(piece.seconds[-1])
                 if kept is not None:
@@ -185,27 +185,24 @@ def filtered(rows: pa.Table, wanted: pa.ChunkedArray) -> pa.Table:
     return rows if pc.all(wanted).as_py() else rows.filter(wanted)
 
 
-def raw_series(facts: StationFacts, rows: PortRows, period_s: float) -> Series:
-    """Return a series as `series_of` does, but leave open whether the tool was in its place: that needs the rows on both sides."""
-    read = replace(rows, tool=np.full(len(rows.seconds), np.nan), port_error=np.full(len(rows.seconds), np.nan))
-    series = series_of(facts, read, period_s=period_s)
-    errors = rows.port_error if has_tip(facts) else read.port_error
-    return replace(series, rows=replace(series.rows, tool=rows.tool, port_error=errors))
+def raw_series(facts: StationFacts, rows: pa.Table, clock: Clock, period_s: float = 0.0) -> Series:
+    """Return rows of a port as a series; whether its tool was in its place needs the rows on both sides (`windows.placed`).
 
-
-def port_rows_of(rows: pa.Table, clock: Clock) -> PortRows:
-    status, motor = rows["status"], rows["motor"]
-    return PortRows(
-        clock.seconds(floats(rows["tick"]), micros(rows)),
+    `period_s` is the period of a port without a grid; without it, the median distance of these rows.
+    """
+    seconds, status = clock.seconds(floats(rows["tick"]), micros(rows)), rows["status"]
+    block = Block(
+        seconds,
         floats(rows["temperature_c"]),
         floats(rows["power_permille"]),
         floats(rows["set_c"]),
         _flags(pc.fill_null(reduce(pc.or_, (pc.equal(status, word) for word in WORKING)), False)),
-        _flags(pc.is_valid(status)),
-        floats(pc.equal(motor, PUSHING).cast(pa.int8())),
         floats(rows["tool"]),
-        floats(rows["port_error"]),
+        floats(rows["port_error"]) if has_tip(facts) else np.full(len(seconds), np.nan),
     )
+    period = facts.period_s or period_s or nominal_period(seconds)
+    feeding = floats(pc.equal(rows["motor"], PUSHING).cast(pa.int8())) if has_feeder(facts) else None
+    return Series(block, _flags(pc.is_valid(status)), period, feeding, facts.rated_power_w, on_grid=bool(facts.period_s))
 
 
 def micros(rows: pa.Table) -> Counts:

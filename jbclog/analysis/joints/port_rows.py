@@ -1,16 +1,15 @@
-"""The columns of one port, as a record holds them, made into its `Series`; the same for every reader of a record."""
+"""What the columns of a port in a record mean: their names and words, their time on the run's grid, the kind of tool."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from jbclog.analysis.joints.series import Cycles, Series, nominal_period
-from jbclog.analysis.verdict.idle import Block, Flags, Floats
-from jbclog.analysis.verdict.rules import has_feeder, has_tip
+from jbclog.analysis.joints.series import Cycles
+from jbclog.analysis.verdict.idle import Floats
+from jbclog.analysis.verdict.rules import has_tip
 from jbclog.analysis.verdict.samples import Counts, Step, Unstepped
 from jbclog.core.rows import StationFacts
 
@@ -22,25 +21,6 @@ WORKING: Final = ("working", "on")
 PUSHING: Final = "forward"
 CYCLES: Final = "dispensed_cycles"
 STATES_FAMILIES: Final = ("omega",)
-
-
-@dataclass(frozen=True, slots=True)
-class PortRows:
-    """The rows of one port in order of time: s, °C, ‰, setpoint in °C as read, and its state. NaN: not read.
-
-    `working`: the tool works. `known`: its state was read. `feeding`: 1 where the feeder's motor pushed. `tool` and `port_error`
-    are codes.
-    """
-
-    seconds: Floats
-    temperature: Floats
-    power: Floats
-    setting: Floats
-    working: Flags
-    known: Flags
-    feeding: Floats
-    tool: Floats
-    port_error: Floats
 
 
 class Clock:
@@ -76,22 +56,3 @@ def cycles_of(counted_us: Counts, counted: Floats, rows_us: Counts, seconds: Flo
     placed = np.interp(counted_s, rows_s, seconds)
     before, behind = np.minimum(counted_s - rows_s[0], 0.0), np.maximum(counted_s - rows_s[-1], 0.0)
     return Cycles(np.maximum.accumulate(placed + before + behind), counted)
-
-
-def series_of(
-    facts: StationFacts,
-    rows: PortRows,
-    ordered_s: float | None = None,
-    cycles: Cycles | None = None,
-    period_s: float | None = None,
-) -> Series:
-    """Return the port's rows with what is known of its station.
-
-    `period_s` is the period of a port without a grid; without it, the median distance of these rows.
-    """
-    errors = rows.port_error if has_tip(facts) else np.full(len(rows.seconds), np.nan)
-    block = Block(rows.seconds, rows.temperature, rows.power, rows.setting, rows.working, rows.tool, errors)
-    block = replace(block, working=block.working & block.in_place)
-    period = facts.period_s or period_s or nominal_period(rows.seconds)
-    fed = rows.feeding if has_feeder(facts) else None
-    return Series(block, rows.known, period, fed, facts.rated_power_w, ordered_s, bool(facts.period_s), cycles)

@@ -11,9 +11,9 @@ import pytest
 
 from jbclog.analysis import run_metrics
 from jbclog.analysis.joints import values
-from jbclog.analysis.joints.port_reader import port_rows_of
-from jbclog.analysis.joints.port_rows import COLUMNS, Clock, kind_of, series_of
-from jbclog.analysis.joints.windows import Windows
+from jbclog.analysis.joints.port_reader import raw_series
+from jbclog.analysis.joints.port_rows import COLUMNS, Clock, kind_of
+from jbclog.analysis.joints.windows import Windows, placed
 from jbclog.analysis.metrics.measures import PortFigures, measure_port
 from jbclog.analysis.run_metrics import joint_count, joints_and_metrics
 from support.records.long_run import LongRun
@@ -28,7 +28,7 @@ BYTES_A_SECOND = 3.0  # the mean of each 10 s of idling is kept
 def whole(run: LongRun) -> dict[str, tuple[float | None, int, float | None, str | None]]:
     facts, (rows,) = run.manifest.stations[0], run.groups("samples", COLUMNS)
     clock = Clock(facts.period_s, [], round((run.manifest.t0_utc or 0.0) * 1e6))
-    measured = measure_port(series_of(facts, port_rows_of(rows, clock)), kind_of(facts))
+    measured = measure_port(placed(raw_series(facts, rows, clock)), kind_of(facts))
     return {one.name: (one.value, one.n, one.coverage, one.why) for one in measured.figures}
 
 
