@@ -126,11 +126,8 @@ def _joined_column(columns: Sequence[Any]) -> Any:
 
 
 def rows_of(series: Series, rows: slice) -> Series:
-    columns: list[Any] = [getattr(series.rows, name) for name in (*COLUMNS, *CODES)]
     feeding = None if series.feeding is None else series.feeding[rows]
-    taken: list[Any] = [None if one is None else one[rows] for one in columns]
-    block = Block(*taken)
-    return replace(series, rows=block, known=series.known[rows], feeding=feeding)
+    return replace(series, rows=series.rows.take(rows), known=series.known[rows], feeding=feeding)
 
 
 def _copied_from(series: Series, begin_s: float) -> Series:

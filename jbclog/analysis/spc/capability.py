@@ -73,6 +73,31 @@ def indices(points: Floats, lower: float | None, upper: float | None) -> Capabil
     return Capability(n, mean, within, overall, lower, upper, cp, cpk, pp, ppk)
 
 
+def _potential(lower: float | None, upper: float | None, sigma: float, freedom: float) -> Index | None:
+    """Return the tolerance in units of six sigma."""
+    if lower is None or upper is None:
+        return None
+    value, tail = (upper - lower) / (6 * sigma), (1 - CONFIDENCE) / 2
+    chi_squares = (2 * gammaincinv(freedom / 2, share) for share in (1 - CONFIDENCE, tail, 1 - tail))
+    bound, low, high = (value * sqrt(chi_square / freedom) for chi_square in chi_squares)
+    return Index(value, float(bound), float(low), float(high))
+
+
+def _actual(mean: float, lower: float | None, upper: float | None, sigma: float, n: int, freedom: float) -> Index:
+    """Return the distance to the nearer limit in units of three sigma."""
+    distances = [upper - mean] if upper is not None else []
+    distances += [mean - lower] if lower is not None else []
+    value = min(distances) / (3 * sigma)
+    return actual_index(value, n, freedom)
+
+
+def actual_index(value: float, n: int, freedom: float) -> Index:
+    """Return a Cpk or Ppk of `n` values with its confidence (Bissell 1990; Montgomery, section 8.3.4)."""
+    error = sqrt(1 / (9 * n) + value**2 / (2 * freedom))
+    one, two = float(ndtri(CONFIDENCE)), float(ndtri((1 + CONFIDENCE) / 2))
+    return Index(value, float(value - one * error), float(value - two * error), float(value + two * error))
+
+
 def indices_of_fit(points: Floats, fit: Fit, lower: float | None, upper: float | None) -> Capability:
     """Return the indices of values that are not normal; their bounds allow for the choice of the distribution."""
     low, middle, high = fit.at(-REACH), fit.at(0.0), fit.at(REACH)
@@ -99,65 +124,16 @@ def _index_of_fit(fit: Fit, n: int, lower: float | None, upper: float | None) ->
     return pp, _bounded(float(nearer[0]), drawn_nearer, scale)
 
 
-def _widest(found: list[Index]) -> Index:
-    """Return the first index with the widest bounds of all."""
-    bound, low = min(one.bound for one in found), min(one.low for one in found)
-    return Index(found[0].value, bound, low, max(one.high for one in found))
-
-
-def indices_of_percentiles(points: Floats, lower: float | None, upper: float | None) -> Capability:
-    """Return the indices of many values that no distribution fits, by their own percentiles."""
-    low, middle, high = (float(one) for one in np.quantile(points, ndtr([-REACH, 0.0, REACH]), method="median_unbiased"))
-    both, nearer = quantile_indices(np.array([low]), np.array([middle]), np.array([high]), lower, upper)
-    beyond = 0 if lower is None else int(np.count_nonzero(points < lower))
-    beyond += 0 if upper is None else int(np.count_nonzero(points > upper))
-    one, tail, rest = (_index_of_share(beyond, len(points), share) for share in (1 - CONFIDENCE, (1 - CONFIDENCE) / 2, None))
-    value = float(nearer[0])
-    ppk = Index(value, min(one, value), min(tail, value), max(rest, value))
-    pp = None if lower is None or upper is None else Index(float(both[0]), ppk.bound, ppk.low, float("inf"))
-    within, overall = sigma_of_moving_ranges(points), float(points.std(ddof=1))
-    found = Capability(len(points), float(points.mean()), within, overall, lower, upper, pp, ppk, pp, ppk)
-    return replace(found, distribution="percentiles", percentiles=(low, middle, high))
-
-
-def _index_of_share(beyond: int, n: int, chance: float | None) -> float:
-    """Return the index whose share beyond a limit is the greatest (`chance` None: the least) that `beyond` of `n` allow."""
-    if chance is None:
-        least = float(betaincinv(beyond, n - beyond + 1, (1 - CONFIDENCE) / 2)) if beyond else 0.0
-        return float(-ndtri(least)) / 3 if least > 0 else float("inf")
-    most = float(betaincinv(beyond + 1, n - beyond, 1 - chance)) if beyond < n else 1.0
-    return float(-ndtri(most)) / 3
-
-
 def _bounded(value: float, drawn: Floats, scale: float) -> Index:
     tail = (1 - CONFIDENCE) / 2
     bound, low, high = basic_bounds(value, drawn, scale, (CONFIDENCE, 1 - tail, tail))
     return Index(value, bound, low, high)
 
 
-def _potential(lower: float | None, upper: float | None, sigma: float, freedom: float) -> Index | None:
-    """Return the tolerance in units of six sigma."""
-    if lower is None or upper is None:
-        return None
-    value, tail = (upper - lower) / (6 * sigma), (1 - CONFIDENCE) / 2
-    chi_squares = (2 * gammaincinv(freedom / 2, share) for share in (1 - CONFIDENCE, tail, 1 - tail))
-    bound, low, high = (value * sqrt(chi_square / freedom) for chi_square in chi_squares)
-    return Index(value, float(bound), float(low), float(high))
-
-
-def _actual(mean: float, lower: float | None, upper: float | None, sigma: float, n: int, freedom: float) -> Index:
-    """Return the distance to the nearer limit in units of three sigma."""
-    distances = [upper - mean] if upper is not None else []
-    distances += [mean - lower] if lower is not None else []
-    value = min(distances) / (3 * sigma)
-    return actual_index(value, n, freedom)
-
-
-def actual_index(value: float, n: int, freedom: float) -> Index:
-    """Return a Cpk or Ppk of `n` values with its confidence (Bissell 1990; Montgomery, section 8.3.4)."""
-    error = sqrt(1 / (9 * n) + value**2 / (2 * freedom))
-    one, two = float(ndtri(CONFIDENCE)), float(ndtri((1 + CONFIDENCE) / 2))
-    return Index(value, float(value - one * error), float(value - two * error), float(value + two * error))
+def _widest(found: list[Index]) -> Index:
+    """Return the first index with the widest bounds of all."""
+    bound, low = min(one.bound for one in found), min(one.low for one in found)
+    return Index(found[0].value, bound, low, max(one.high for one in found))
 
 
 def quantile_indices(low: Floats, middle: Floats, high: Floats, lower: float | None, upper: float | None) -> tuple[Floats, Floats]:
@@ -190,3 +166,27 @@ def basic_bounds(value: float, drawn: Floats, scale: float, shares: tuple[float,
     if value > 0 and (quantiles > 0).all():
         return tuple(float(value * (value / one) ** scale) for one in quantiles)
     return tuple(float(value - scale * (one - value)) for one in quantiles)
+
+
+def indices_of_percentiles(points: Floats, lower: float | None, upper: float | None) -> Capability:
+    """Return the indices of many values that no distribution fits, by their own percentiles."""
+    low, middle, high = (float(one) for one in np.quantile(points, ndtr([-REACH, 0.0, REACH]), method="median_unbiased"))
+    both, nearer = quantile_indices(np.array([low]), np.array([middle]), np.array([high]), lower, upper)
+    beyond = 0 if lower is None else int(np.count_nonzero(points < lower))
+    beyond += 0 if upper is None else int(np.count_nonzero(points > upper))
+    one, tail, rest = (_index_of_share(beyond, len(points), share) for share in (1 - CONFIDENCE, (1 - CONFIDENCE) / 2, None))
+    value = float(nearer[0])
+    ppk = Index(value, min(one, value), min(tail, value), max(rest, value))
+    pp = None if lower is None or upper is None else Index(float(both[0]), ppk.bound, ppk.low, float("inf"))
+    within, overall = sigma_of_moving_ranges(points), float(points.std(ddof=1))
+    found = Capability(len(points), float(points.mean()), within, overall, lower, upper, pp, ppk, pp, ppk)
+    return replace(found, distribution="percentiles", percentiles=(low, middle, high))
+
+
+def _index_of_share(beyond: int, n: int, chance: float | None) -> float:
+    """Return the index whose share beyond a limit is the greatest (`chance` None: the least) that `beyond` of `n` allow."""
+    if chance is None:
+        least = float(betaincinv(beyond, n - beyond + 1, (1 - CONFIDENCE) / 2)) if beyond else 0.0
+        return float(-ndtri(least)) / 3 if least > 0 else float("inf")
+    most = float(betaincinv(beyond + 1, n - beyond, 1 - chance)) if beyond < n else 1.0
+    return float(-ndtri(most)) / 3

@@ -19,6 +19,11 @@ FURTHEST_SIGMA, STEPS = 8.5, 1701  # of the integrals below; beyond, a normal ta
 BEYOND_3 = 0.0026998  # share beyond three sigma
 LIMIT_ONLY = (1,)
 """Tests of a chart whose neighbouring points are not independent: ranges that share a value, weighted means."""
+RUN_LENGTHS: Final = {"EWMA": 550.0, "CUSUM up": 465.0}
+"""Stable points to the first signal, on average, with known limits and the default weight, width, slack and decision.
+
+CUSUM: on either side. By simulation, to three per cent; 465 is also in Montgomery, table 9.3.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +68,19 @@ def individuals(
     return _three_sigma("individuals", points, middle_of_all, sigma_of_moving_ranges(points) if sigma is None else sigma, tests)
 
 
+def moving_ranges(values: ArrayLike, *, fit: Fit | None = None) -> Chart:
+    """Chart moving ranges of two; they overlap, so only the limit is a test. With `fit` the limit is that of its differences."""
+    spans = np.abs(np.diff(_floats(values)))
+    if fit is None or fit.name == "normal":
+        return _of_ranges("moving ranges", spans, 2, LIMIT_ONLY)
+    grid = fit.family.quantiles(fit.fitted, ndtri((np.arange(GRID) + 0.5) / GRID))
+    upper = float(np.quantile(np.abs(grid[:, np.newaxis] - grid), 1 - BEYOND_3))
+    centre = float(spans.mean())
+    lower, top = np.zeros(len(spans)), np.full(len(spans), max(upper, centre))
+    chart = _chart("moving ranges", spans, centre, (top[0] - centre) / 3, lower, top, LIMIT_ONLY)
+    return replace(chart, distribution=fit.name)
+
+
 def fixed(values: ArrayLike, centre: float, lower: float, upper: float, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
     """Chart individual values against limits known beforehand, from a phase I study.
 
@@ -78,24 +96,17 @@ def fixed(values: ArrayLike, centre: float, lower: float, upper: float, tests: t
     return _chart("individuals", points, centre, (upper - lower) / 6, *edges, tests)
 
 
-def moving_ranges(values: ArrayLike, *, fit: Fit | None = None) -> Chart:
-    """Chart moving ranges of two; they overlap, so only the limit is a test. With `fit` the limit is that of its differences."""
-    spans = np.abs(np.diff(_floats(values)))
-    if fit is None or fit.name == "normal":
-        return _of_ranges("moving ranges", spans, 2, LIMIT_ONLY)
-    grid = fit.family.quantiles(fit.fitted, ndtri((np.arange(GRID) + 0.5) / GRID))
-    upper = float(np.quantile(np.abs(grid[:, np.newaxis] - grid), 1 - BEYOND_3))
-    centre = float(spans.mean())
-    lower, top = np.zeros(len(spans)), np.full(len(spans), max(upper, centre))
-    chart = _chart("moving ranges", spans, centre, (top[0] - centre) / 3, lower, top, LIMIT_ONLY)
-    return replace(chart, distribution=fit.name)
-
-
 def means(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
     """Chart means of subgroups (a row each), sigma from the mean range within them (NIST 6.3.2.1)."""
     rows = _rows(subgroups)
     sigma = sigma_of_ranges(rows) / sqrt(rows.shape[1])
     return _three_sigma("subgroup means", rows.mean(axis=1), float(rows.mean()), sigma, tests)
+
+
+def ranges(subgroups: ArrayLike) -> Chart:
+    """Chart ranges within subgroups (a row each)."""
+    rows = _rows(subgroups)
+    return _of_ranges("subgroup ranges", np.ptp(rows, axis=1), rows.shape[1], LIMIT_ONLY)
 
 
 def means_by_sd(subgroups: ArrayLike, tests: tuple[int, ...] = DEFAULT_TESTS) -> Chart:
@@ -114,6 +125,26 @@ def sds(subgroups: ArrayLike) -> Chart:
     sigma = centre * sqrt(1 - known**2) / known
     lower, upper = (np.full(len(points), edge) for edge in (max(centre - 3 * sigma, 0.0), centre + 3 * sigma))
     return _chart("subgroup standard deviations", points, centre, sigma, lower, upper, LIMIT_ONLY)
+
+
+def ewma(
+    values: ArrayLike, weight: float = 0.2, width: float = 3.0, centre: float | None = None, sigma: float | None = None
+) -> Chart:
+    """Chart exponentially weighted moving averages (NIST 6.3.2.4), with limits for each point by its own variance.
+
+    `centre` and `sigma` (of a single value) come from the values unless they are given.
+    """
+    points = _floats(values)
+    if not 0 < weight <= 1:
+        raise ValueError(f"the weight of an EWMA chart must be above 0 and at most 1 (got {weight:g})")
+    middle = float(points.mean()) if centre is None else centre
+    spread = sigma_of_moving_ranges(points) if sigma is None else sigma
+    averages, last = np.empty_like(points), middle
+    for place, value in enumerate(points):
+        last = averages[place] = weight * value + (1 - weight) * last
+    share = weight / (2 - weight) * (1 - (1 - weight) ** (2 * np.arange(1, len(points) + 1)))
+    reach = width * spread * np.sqrt(share)
+    return _chart("EWMA", averages, middle, spread * sqrt(share[-1]), middle - reach, middle + reach, LIMIT_ONLY)
 
 
 def cusum(
@@ -151,39 +182,6 @@ def rates(counts: ArrayLike, sizes: ArrayLike) -> Chart:
     found, of = _counts(counts, sizes)
     mean = float(found.sum() / of.sum())
     return _counted("u", found / of, mean, np.sqrt(mean / of), most=np.inf)
-
-
-def ranges(subgroups: ArrayLike) -> Chart:
-    """Chart ranges within subgroups (a row each)."""
-    rows = _rows(subgroups)
-    return _of_ranges("subgroup ranges", np.ptp(rows, axis=1), rows.shape[1], LIMIT_ONLY)
-
-
-RUN_LENGTHS: Final = {"EWMA": 550.0, "CUSUM up": 465.0}
-"""Stable points to the first signal, on average, with known limits and the default weight, width, slack and decision.
-
-CUSUM: on either side. By simulation, to three per cent; 465 is also in Montgomery, table 9.3.
-"""
-
-
-def ewma(
-    values: ArrayLike, weight: float = 0.2, width: float = 3.0, centre: float | None = None, sigma: float | None = None
-) -> Chart:
-    """Chart exponentially weighted moving averages (NIST 6.3.2.4), with limits for each point by its own variance.
-
-    `centre` and `sigma` (of a single value) come from the values unless they are given.
-    """
-    points = _floats(values)
-    if not 0 < weight <= 1:
-        raise ValueError(f"the weight of an EWMA chart must be above 0 and at most 1 (got {weight:g})")
-    middle = float(points.mean()) if centre is None else centre
-    spread = sigma_of_moving_ranges(points) if sigma is None else sigma
-    averages, last = np.empty_like(points), middle
-    for place, value in enumerate(points):
-        last = averages[place] = weight * value + (1 - weight) * last
-    share = weight / (2 - weight) * (1 - (1 - weight) ** (2 * np.arange(1, len(points) + 1)))
-    reach = width * spread * np.sqrt(share)
-    return _chart("EWMA", averages, middle, spread * sqrt(share[-1]), middle - reach, middle + reach, LIMIT_ONLY)
 
 
 def sigma_of_moving_ranges(points: Floats) -> float:

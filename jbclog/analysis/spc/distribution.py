@@ -179,6 +179,39 @@ class Threshold(Normal):
 FAMILIES: Final[tuple[Family, ...]] = (Normal(), Lognormal(), Weibull(), BoxCox(), Threshold())
 
 
+def fitting(values: Floats, resolution: float | None = None) -> Fit | None:
+    """Return the family that fits best, or None. Rounded values (`resolution`) are spread evenly over their steps for the test."""
+    points = spread_over_steps(values, resolution)
+    if not np.ptp(points) > 0:
+        return None
+    possible = [family for family in FAMILIES if points.min() > 0 or not family.needs_positive]
+    for free in (2, 3):  # three parameters could fit a tail to an outlier, so two come first
+        some = [family for family in possible if family.free == free]
+        found = [fit for family in some if (fit := _fit(family, points)) is not None]
+        if found:
+            return min(found, key=lambda one: one.bic(points) - NORMAL_FIRST * (one.family is FAMILIES[0]))
+        beside = (_but_for_outliers(family, points) for family in some)
+        fit = next((one for one in beside if one is not None), None)
+        if fit is not None:
+            return fit
+    return None
+
+
+def normal_fit(values: Floats) -> Fit:
+    """Return the normal distribution of the values, whether it fits or not."""
+    fitted = FAMILIES[0].fit(values)
+    return Fit(FAMILIES[0], fitted, FAMILIES[0].chance(fitted, values))
+
+
+def widest_fit(values: Floats) -> Fit | None:
+    """Return the lognormal with a threshold, which has the values' skewness, whether it fits or not; None if it has no tails."""
+    family = FAMILIES[-1]
+    fitted = family.fit(values)
+    if not np.isfinite(family.quantiles(fitted, np.array([-REACH, REACH]))).all():
+        return None
+    return Fit(family, fitted, family.chance(fitted, values))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
     """The family that fits, its parameters, and the probability of values as far from it (Anderson-Darling).
@@ -212,39 +245,6 @@ class Fit:
         step = 1e-4 * float(values.std())
         slope = (self.scores(values + step) - self.scores(values - step)) / (2 * step)
         return np.asarray(LOG_ROOT - self.scores(values) ** 2 / 2 + np.log(np.maximum(slope, 1e-300)))
-
-
-def fitting(values: Floats, resolution: float | None = None) -> Fit | None:
-    """Return the family that fits best, or None. Rounded values (`resolution`) are spread evenly over their steps for the test."""
-    points = spread_over_steps(values, resolution)
-    if not np.ptp(points) > 0:
-        return None
-    possible = [family for family in FAMILIES if points.min() > 0 or not family.needs_positive]
-    for free in (2, 3):  # three parameters could fit a tail to an outlier, so two come first
-        some = [family for family in possible if family.free == free]
-        found = [fit for family in some if (fit := _fit(family, points)) is not None]
-        if found:
-            return min(found, key=lambda one: one.bic(points) - NORMAL_FIRST * (one.family is FAMILIES[0]))
-        beside = (_but_for_outliers(family, points) for family in some)
-        fit = next((one for one in beside if one is not None), None)
-        if fit is not None:
-            return fit
-    return None
-
-
-def normal_fit(values: Floats) -> Fit:
-    """Return the normal distribution of the values, whether it fits or not."""
-    fitted = FAMILIES[0].fit(values)
-    return Fit(FAMILIES[0], fitted, FAMILIES[0].chance(fitted, values))
-
-
-def widest_fit(values: Floats) -> Fit | None:
-    """Return the lognormal with a threshold, which has the values' skewness, whether it fits or not; None if it has no tails."""
-    family = FAMILIES[-1]
-    fitted = family.fit(values)
-    if not np.isfinite(family.quantiles(fitted, np.array([-REACH, REACH]))).all():
-        return None
-    return Fit(family, fitted, family.chance(fitted, values))
 
 
 def spread_over_steps(values: Floats, resolution: float | None) -> Floats:

@@ -29,60 +29,6 @@ ALPHA = 0.05
 HALVINGS = 20
 
 
-@dataclass(frozen=True, slots=True)
-class Equivalence:
-    """The difference (second mean minus first), its 90 % interval, the margin, and the greater p of the two tests."""
-
-    difference: float
-    low: float
-    high: float
-    margin: float
-    p: float
-
-    @property
-    def verdict(self) -> str:
-        """``equivalent``, ``different`` or ``not known``."""
-        if -self.margin < self.low and self.high < self.margin:
-            return "equivalent"
-        return "different" if self.low > self.margin or self.high < -self.margin else "not known"
-
-
-@dataclass(frozen=True, slots=True)
-class Mean:
-    """A mean, and half the width of its two-sided interval as a function of the confidence."""
-
-    value: float
-    half: Callable[[float], float]
-
-
-def equivalence_of(first: Mean, second: Mean, margin: float) -> Equivalence:
-    """Return TOST of two means by their intervals. Raises `UsageError` if the margin is not above zero."""
-    _check_margin(margin)
-    difference = second.value - first.value
-
-    def half(alpha: float) -> float:
-        return hypot(first.half(1 - 2 * alpha), second.half(1 - 2 * alpha))
-
-    slack = margin - abs(difference)
-    chance = _chance(half, abs(slack))
-    half_width = half(ALPHA)
-    return Equivalence(difference, difference - half_width, difference + half_width, margin, chance if slack > 0 else 1 - chance)
-
-
-def _chance(half: Callable[[float], float], slack: float) -> float:
-    """Return the one-sided probability at which half of the interval is as wide as `slack`."""
-    low, high = 0.0, 0.5
-    for _ in range(HALVINGS):
-        middle = (low + high) / 2
-        low, high = (middle, high) if half(middle) > slack else (low, middle)
-    return high
-
-
-def _check_margin(margin: float) -> None:
-    if not (np.isfinite(margin) and margin > 0):
-        raise UsageError(f"the margin must be above 0 (got {margin:g})")
-
-
 def equivalence(first: ArrayLike, second: ArrayLike, margin: float, *, step: float = 0.0) -> Equivalence | Refused:
     """Return TOST of two series of independent values; `step` widens the interval by what their resolution may hide.
 
@@ -101,3 +47,57 @@ def equivalence(first: ArrayLike, second: ArrayLike, margin: float, *, step: flo
     half = float(stdtrit(freedom, 1 - ALPHA)) * error + step
     chance = float(stdtr(freedom, -(margin - step - abs(difference)) / error))
     return Equivalence(difference, difference - half, difference + half, margin, chance)
+
+
+@dataclass(frozen=True, slots=True)
+class Equivalence:
+    """The difference (second mean minus first), its 90 % interval, the margin, and the greater p of the two tests."""
+
+    difference: float
+    low: float
+    high: float
+    margin: float
+    p: float
+
+    @property
+    def verdict(self) -> str:
+        """``equivalent``, ``different`` or ``not known``."""
+        if -self.margin < self.low and self.high < self.margin:
+            return "equivalent"
+        return "different" if self.low > self.margin or self.high < -self.margin else "not known"
+
+
+def equivalence_of(first: Mean, second: Mean, margin: float) -> Equivalence:
+    """Return TOST of two means by their intervals. Raises `UsageError` if the margin is not above zero."""
+    _check_margin(margin)
+    difference = second.value - first.value
+
+    def half(alpha: float) -> float:
+        return hypot(first.half(1 - 2 * alpha), second.half(1 - 2 * alpha))
+
+    slack = margin - abs(difference)
+    chance = _chance(half, abs(slack))
+    half_width = half(ALPHA)
+    return Equivalence(difference, difference - half_width, difference + half_width, margin, chance if slack > 0 else 1 - chance)
+
+
+@dataclass(frozen=True, slots=True)
+class Mean:
+    """A mean, and half the width of its two-sided interval as a function of the confidence."""
+
+    value: float
+    half: Callable[[float], float]
+
+
+def _chance(half: Callable[[float], float], slack: float) -> float:
+    """Return the one-sided probability at which half of the interval is as wide as `slack`."""
+    low, high = 0.0, 0.5
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if half(middle) > slack else (low, middle)
+    return high
+
+
+def _check_margin(margin: float) -> None:
+    if not (np.isfinite(margin) and margin > 0):
+        raise UsageError(f"the margin must be above 0 (got {margin:g})")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,17 +31,6 @@ from jbclog.analysis.spc.refusal import (
 from jbclog.core.errors import UsageError
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ProbabilityPlot:
-    """Sorted values against the normal scores of their ranks (Blom), and the line of the distribution, if one fits."""
-
-    scores: Floats
-    values: Floats
-    line: Floats | None
-    distribution: str | None
-    chance: float | None
-
-
 def control_chart(
     values: ArrayLike, *, resolution: float | None = None, tests: tuple[int, ...] = DEFAULT_TESTS
 ) -> tuple[Chart, Chart] | Refused:
@@ -64,21 +54,6 @@ def control_chart(
     return refused or (charts.individuals(points, tests, fit=fit), charts.moving_ranges(points, fit=fit))
 
 
-def subgroup_charts_by_sd(
-    subgroups: ArrayLike, *, resolution: float | None = None, tests: tuple[int, ...] = DEFAULT_TESTS
-) -> tuple[Chart, Chart] | Refused:
-    """Return the charts of means and standard deviations of subgroups, a row each (X-bar and S)."""
-    rows = np.asarray(subgroups, dtype=np.float64)
-    refused = first_refusal(
-        (
-            lambda: too_few(len(rows), LEAST_POINTS, "subgroups"),
-            lambda: unresolved(rows.ravel(), float(rows.std(axis=1, ddof=1).mean()), resolution),
-            lambda: autocorrelated(rows.mean(axis=1)),
-        )
-    )
-    return refused or (charts.means_by_sd(rows, tests), charts.sds(rows))
-
-
 def phase_one(values: ArrayLike, *, resolution: float | None = None) -> Chart | Refused:
     """Return the individuals chart of a stable feature that follows a distribution; its limits may be used for later values.
 
@@ -97,14 +72,17 @@ def phase_one(values: ArrayLike, *, resolution: float | None = None) -> Chart | 
 def subgroup_charts(subgroups: ArrayLike, *, resolution: float | None = None) -> tuple[Chart, Chart] | Refused:
     """Return the charts of means and ranges of subgroups, a row each (X-bar and R)."""
     rows = np.asarray(subgroups, dtype=np.float64)
-    refused = first_refusal(
-        (
-            lambda: too_few(len(rows), LEAST_POINTS, "subgroups"),
-            lambda: unresolved(rows.ravel(), charts.sigma_of_ranges(rows), resolution),
-            lambda: autocorrelated(rows.mean(axis=1)),
-        )
-    )
+    refused = _refused_subgroups(rows, charts.sigma_of_ranges, resolution)
     return refused or (charts.means(rows), charts.ranges(rows))
+
+
+def subgroup_charts_by_sd(
+    subgroups: ArrayLike, *, resolution: float | None = None, tests: tuple[int, ...] = DEFAULT_TESTS
+) -> tuple[Chart, Chart] | Refused:
+    """Return the charts of means and standard deviations of subgroups, a row each (X-bar and S)."""
+    rows = np.asarray(subgroups, dtype=np.float64)
+    refused = _refused_subgroups(rows, lambda rows: float(rows.std(axis=1, ddof=1).mean()), resolution)
+    return refused or (charts.means_by_sd(rows, tests), charts.sds(rows))
 
 
 def capability(
@@ -129,6 +107,31 @@ def capability(
     if fit.name != "normal":
         return indices_of_fit(points, fit, lower, upper)
     return replace(indices(points, lower, upper), chance=fit.chance, percentiles=(fit.at(-3.0), fit.at(0.0), fit.at(3.0)))
+
+
+def probability_plot(values: ArrayLike, *, resolution: float | None = None) -> ProbabilityPlot:
+    """Return the values against the scores of their ranks, and the line of the distribution that fits.
+
+    Raises `UsageError` if there are fewer than two values, or one is infinite.
+    """
+    points = np.sort(_known_values(values))
+    if len(points) < 2:
+        raise UsageError(f"a probability plot needs at least two values (got {len(points)})")
+    ranks = np.asarray(ndtri((np.arange(1, len(points) + 1) - 0.375) / (len(points) + 0.25)))
+    fit = fitting(points, _step(points, resolution))
+    line = None if fit is None else fit.family.quantiles(fit.fitted, ranks)
+    return ProbabilityPlot(ranks, points, line, None if fit is None else fit.name, None if fit is None else fit.chance)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProbabilityPlot:
+    """Sorted values against the normal scores of their ranks (Blom), and the line of the distribution, if one fits."""
+
+    scores: Floats
+    values: Floats
+    line: Floats | None
+    distribution: str | None
+    chance: float | None
 
 
 def _stable(points: Floats, resolution: float | None) -> Fit | Refused | None:
@@ -156,20 +159,6 @@ def _stable(points: Floats, resolution: float | None) -> Fit | Refused | None:
     return refused or fit
 
 
-def probability_plot(values: ArrayLike, *, resolution: float | None = None) -> ProbabilityPlot:
-    """Return the values against the scores of their ranks, and the line of the distribution that fits.
-
-    Raises `UsageError` if there are fewer than two values, or one is infinite.
-    """
-    points = np.sort(_known_values(values))
-    if len(points) < 2:
-        raise UsageError(f"a probability plot needs at least two values (got {len(points)})")
-    ranks = np.asarray(ndtri((np.arange(1, len(points) + 1) - 0.375) / (len(points) + 0.25)))
-    fit = fitting(points, _step(points, resolution))
-    line = None if fit is None else fit.family.quantiles(fit.fitted, ranks)
-    return ProbabilityPlot(ranks, points, line, None if fit is None else fit.name, None if fit is None else fit.chance)
-
-
 def _out_of_control(points: Floats, fit: Fit | None, scores: Floats, step: float | None) -> Refused | None:
     """Return a refusal for points and patterns that no stable process has, on the scale on which the values are normal.
 
@@ -184,6 +173,16 @@ def _out_of_control(points: Floats, fit: Fit | None, scores: Floats, step: float
     is_at_centre = np.abs(away) <= step / 2
     nearest = scores if fit is None else fit.scores(points - np.sign(away) * step / 2)
     return unstable(chart, np.where(is_at_centre, 0.0, nearest))
+
+
+def _refused_subgroups(rows: Floats, sigma: Callable[[Floats], float], resolution: float | None) -> Refused | None:
+    return first_refusal(
+        (
+            lambda: too_few(len(rows), LEAST_POINTS, "subgroups"),
+            lambda: unresolved(rows.ravel(), sigma(rows), resolution),
+            lambda: autocorrelated(rows.mean(axis=1)),
+        )
+    )
 
 
 def _step(points: Floats, resolution: float | None) -> float | None:

@@ -151,7 +151,7 @@ class Block:
     tool: Floats | None = None
     port_error: Floats | None = None
 
-    def take(self, rows: Flags) -> Block:
+    def take(self, rows: Flags | slice) -> Block:
         codes = [None if one is None else one[rows] for one in (self.tool, self.port_error)]
         return Block(self.seconds[rows], self.temperature[rows], self.power[rows], self.setting[rows], self.working[rows], *codes)
 
