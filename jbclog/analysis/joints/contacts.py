@@ -198,17 +198,19 @@ def _ends(signals: _Signals, start: Places, last: Places, next_first: Places) ->
     begin = np.maximum(fall - signals.rows(TAIL_S), start + 1)
     before = np.maximum(fall - signals.rows(LEVEL_S), start)
     levels = segments(before, np.maximum(fall - signals.rows(EDGE_S), before + 1))
+    # half of the last flow before the fall: the sum of the flow above it is greatest at the most likely end
     half = 0.5 * np.maximum(levels.total(flow) / levels.lengths, signals.noise.flow)
-    end, beyond = fall.copy(), np.zeros(len(fall))
-    seen = until - begin >= 2
-    end[seen] = rows_of_highest_sum(flow, begin[seen], until[seen], half[seen])
+    end, fraction = fall.copy(), np.zeros(len(fall))
+    is_long = until - begin >= 2
+    end[is_long] = rows_of_highest_sum(flow, begin[is_long], until[is_long], half[is_long])
+    # to a fraction of a row: where the flow crosses that half
     here, after = flow[end], flow[np.minimum(end + 1, len(flow) - 1)]
     falls = here > after
     share = np.clip((here - half) / np.where(falls, here - after, 1.0), 0.0, 1.0)
-    beyond[seen] = np.where(falls, share, 0.5)[seen]
+    fraction[is_long] = np.where(falls, share, 0.5)[is_long]
     cut = last >= len(flow)
-    end[cut], beyond[cut] = len(flow) - 1, 0.0
-    return end, np.minimum(seconds[end] + beyond * period, seconds[-1])
+    end[cut], fraction[cut] = len(flow) - 1, 0.0
+    return end, np.minimum(seconds[end] + fraction * period, seconds[-1])
 
 
 def _steepest_falls(signals: _Signals, start: Places, last: Places, next_first: Places) -> Places:

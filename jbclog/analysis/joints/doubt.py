@@ -149,10 +149,10 @@ def _count_long(draws: Sequence[Draw]) -> int:
     return sum(one.dwell_s > LONG_S for one in draws)
 
 
-def _count_same(some: Sequence[Draw], others: Sequence[Draw]) -> int:
+def _count_same(draws: Sequence[Draw], others: Sequence[Draw]) -> int:
     """Return how many draws two sorted lists share: they overlap for half of the shorter one; each counts once."""
     same, place = 0, 0
-    for one in some:
+    for one in draws:
         while place < len(others) and others[place].end_s <= one.start_s:
             place += 1
         for near in range(place, len(others)):

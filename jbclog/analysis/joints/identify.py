@@ -300,27 +300,29 @@ def _refined(parts: Sequence[_BalancedStretch], rest: Flags, known: Flags, value
     hardly any, whereas rates of change have much (L. Ljung, System Identification, 1999, section 3.2: output error). In K: T =
     begin + (power_sum - loss × above_sum + lag × power - second × T') / capacity.
     """
-    terms, temperature, piece, sure = _rest_pieces(parts, rest, known)
+    terms, temperature, piece, known_rest = _rest_pieces(parts, rest, known)
     capacity = values[0]
     usual = np.array([1 / USUAL_CAPACITY, USUAL_LOSS / capacity, 0.0, SECOND_S])
     spread = np.array([INVERSE_SPREAD / USUAL_CAPACITY, USUAL_LOSS / capacity, LATE_SPREAD_S / capacity, SECOND_SPREAD_S])
-    stiff = np.diag(np.square(noise_c / spread) * [ALIKE_ROWS, 1.0, 1.0, 1.0])
+    stiffness = np.diag(np.square(noise_c / spread) * [ALIKE_ROWS, 1.0, 1.0, 1.0])
     fitted, weight = np.array([1.0, values[1], values[3], values[2]]) / capacity, np.ones(len(temperature))
     for _ in range(REWEIGHTED):
         residuals = _centred(temperature - terms @ fitted, piece, weight)
-        weight = _weights(residuals, piece, sure, noise_c)
-        near, aim = _centred(terms, piece, weight), _centred(temperature, piece, weight)
-        weighted = near * weight[:, None]
-        fitted = bounded_solution(weighted.T @ near + stiff, weighted.T @ aim + stiff @ usual, LIMITS)
-    residuals = aim - near @ fitted
+        weight = _weights(residuals, piece, known_rest, noise_c)
+        centred_terms, centred_temperature = _centred(terms, piece, weight), _centred(temperature, piece, weight)
+        weighted = centred_terms * weight[:, None]
+        fitted = bounded_solution(
+            weighted.T @ centred_terms + stiffness, weighted.T @ centred_temperature + stiffness @ usual, LIMITS
+        )
+    residuals = centred_temperature - centred_terms @ fitted
     scores = np.add.reduceat(weighted * residuals[:, None], np.flatnonzero(np.diff(piece, prepend=-1)), axis=0)
-    bread = np.linalg.inv(weighted.T @ near + stiff)
-    meat = scores.T @ scores + stiff * noise_c**2
-    rows_explained = np.where(sure, 1 - KNOWN_COST * (np.abs(residuals) > 3 * noise_c), weight)
+    bread = np.linalg.inv(weighted.T @ centred_terms + stiffness)
+    meat = scores.T @ scores + stiffness * noise_c**2
+    rows_explained = np.where(known_rest, 1 - KNOWN_COST * (np.abs(residuals) > 3 * noise_c), weight)
     return _as_balance(fitted, bread @ meat @ bread, float(rows_explained.sum()))
 
 
-def _weights(residuals: Floats, piece: NDArray[np.int64], sure: Flags, noise_c: float) -> Floats:
+def _weights(residuals: Floats, piece: NDArray[np.int64], known_rest: Flags, noise_c: float) -> Floats:
     """Return the weight of each row: less beyond the noise, and less in a piece in which heat leaves, which is contact not found.
 
     A piece in which heat comes back keeps its full weight: it does not exist, so the fit must not need it.
@@ -329,8 +331,8 @@ def _weights(residuals: Floats, piece: NDArray[np.int64], sure: Flags, noise_c: 
     row = np.arange(len(residuals)) - np.concatenate(([0], np.cumsum(count)[:-1]))[piece] - 0.5 * (count[piece] - 1)
     slopes = np.bincount(piece, row * residuals) / (noise_c * np.sqrt(np.bincount(piece, np.square(row))))
     leaves = np.maximum(-slopes - LEAVES_NOISES, 0.0) / LEAVES_NOISES
-    near = 1 / (1 + np.square(residuals / (3 * noise_c)))
-    return np.asarray(np.where(sure, 1.0, near / (1 + np.square(leaves))[piece]), dtype=np.float64)
+    closeness = 1 / (1 + np.square(residuals / (3 * noise_c)))
+    return np.asarray(np.where(known_rest, 1.0, closeness / (1 + np.square(leaves))[piece]), dtype=np.float64)
 
 
 def _as_balance(fitted: Floats, covariance: Floats, rows_explained: float) -> _Fit:

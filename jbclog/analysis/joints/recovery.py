@@ -184,24 +184,24 @@ def _ends_of_work(series: Series) -> Floats:
 def _measured_joints(tip: _Tip, series: Series, timing: _Timing, draws: Sequence[Draw]) -> list[Joint]:
     """Return the joints, with what each did to the tip."""
     joints = [Joint(draw, _joules(tip, draw), why=GAP) for draw in draws]
-    whole = np.flatnonzero(~timing.broken)
-    values, first, setpoints = tip.track.values, timing.first[whole], timing.setpoints[whole]
-    touched = np.maximum(timing.touched[whole], first + 1)
+    complete = np.flatnonzero(~timing.broken)
+    values, first, setpoints = tip.track.values, timing.first[complete], timing.setpoints[complete]
+    touched = np.maximum(timing.touched[complete], first + 1)
     begin, end, least = values[first], values[touched - 1], segments(first, touched).least(values)
     levels = np.array([tip.levels.get(one, np.nan) for one in setpoints.tolist()])
-    after = _outcomes(tip, timing, whole, np.where(np.isnan(levels), setpoints, levels) - tip.within_c)
-    energies = _energies(series, timing, whole, after, draws)
-    lowest = np.minimum(least, after.lowest)
-    columns = (setpoints, setpoints - begin, levels - begin, begin - lowest, lowest, end, after.recovery, after.had, energies)
+    outcomes = _outcomes(tip, timing, complete, np.where(np.isnan(levels), setpoints, levels) - tip.within_c)
+    energies = _energies(series, timing, complete, outcomes, draws)
+    lowest = np.minimum(least, outcomes.lowest)
+    columns = (setpoints, setpoints - begin, levels - begin, begin - lowest, lowest, end, outcomes.recovery, outcomes.had, energies)
     known = zip(*(_none_where_nan(column) for column in columns), strict=True)
     for place, (setpoint, deficit, below, depth, low, last, recovery, had, energy) in enumerate(known):
-        number = int(whole[place])
+        number = int(complete[place])
         draw, heat_j, cut = draws[number], joints[number].heat_j, timing.cuts[number]
         if setpoint is None:
             low = float(least[place])
             joints[number] = Joint(draw, heat_j, depth_c=float(begin[place]) - low, lowest_c=low, end_c=last, why=UNKNOWN_SETPOINT)
             continue
-        back, why = after.outcome(place, cut)
+        back, why = outcomes.outcome(place, cut)
         joints[number] = Joint(draw, heat_j, setpoint, deficit, below, depth, low, last, back, recovery, had, energy, why)
     return joints
 
@@ -236,19 +236,19 @@ class _Outcomes:
         return (False, NEXT_CAME) if cut is None else (None, cut)
 
 
-def _outcomes(tip: _Tip, timing: _Timing, whole: Places, floors: Floats) -> _Outcomes:
+def _outcomes(tip: _Tip, timing: _Timing, complete: Places, floors: Floats) -> _Outcomes:
     """Return what follows the start of each joint, against the lower edge `floors` of its band."""
-    track, first, last = tip.track, timing.first[whole], timing.last[whole]
-    had = np.maximum(timing.stops[whole] - timing.starts[whole], 0.0)
-    back, lowest = np.full(len(whole), -1, dtype=np.int64), np.full(len(whole), np.inf)
+    track, first, last = tip.track, timing.first[complete], timing.last[complete]
+    had = np.maximum(timing.stops[complete] - timing.starts[complete], 0.0)
+    back, lowest = np.full(len(complete), -1, dtype=np.int64), np.full(len(complete), np.inf)
     some = np.flatnonzero(last > first)
     watched = segments(first[some], last[some])
     lowest[some] = watched.least(track.values)
-    back[some] = _places_back(track, watched, floors[some], timing.stops[whole][some])
+    back[some] = _places_back(track, watched, floors[some], timing.stops[complete][some])
     back[had == 0] = -1
-    is_back, lost = back >= 0, timing.gaps[whole] & (had > 0)
+    is_back, lost = back >= 0, timing.gaps[complete] & (had > 0)
     lost[is_back] = track.gaps[back[is_back]] > track.gaps[first[is_back]]
-    recovery = np.maximum(track.seconds[back] - timing.starts[whole], 0.0)
+    recovery = np.maximum(track.seconds[back] - timing.starts[complete], 0.0)
     recovery[lowest >= floors] = 0.0
     recovery[~is_back | lost], had[lost], lowest[lost] = np.nan, np.nan, np.inf
     return _Outcomes(is_back, lost, recovery, had, lowest)
@@ -269,13 +269,13 @@ def _places_back(track: Track, watched: Segments, floors: Floats, stops: Floats)
     return watched.first_row(stays)
 
 
-def _energies(series: Series, timing: _Timing, whole: Places, after: _Outcomes, draws: Sequence[Draw]) -> Floats:
+def _energies(series: Series, timing: _Timing, complete: Places, outcomes: _Outcomes, draws: Sequence[Draw]) -> Floats:
     """Return the energy of the joints that recovered; NaN for the others."""
     power, above_air = track_of(series, series.rows.power), track_of(series, series.rows.temperature - AIR_C)
-    starts = timing.starts[whole]
-    ends = np.maximum(starts + np.nan_to_num(after.recovery), timing.ends[whole])
-    loss = np.array([np.nan if (one := draws[number].loss) is None else one for number in whole.tolist()])
-    late = np.array([draws[number].late_s for number in whole.tolist()])
+    starts = timing.starts[complete]
+    ends = np.maximum(starts + np.nan_to_num(outcomes.recovery), timing.ends[complete])
+    loss = np.array([np.nan if (one := draws[number].loss) is None else one for number in complete.tolist()])
+    late = np.array([draws[number].late_s for number in complete.tolist()])
     energies = power.area_between(starts - late, ends - late) - loss * above_air.area_between(starts, ends)
-    is_known = ~np.isnan(after.recovery) & ~power.has_gap(starts - late, ends - late) & ~above_air.has_gap(starts, ends)
+    is_known = ~np.isnan(outcomes.recovery) & ~power.has_gap(starts - late, ends - late) & ~above_air.has_gap(starts, ends)
     return np.where(is_known, energies, np.nan)
