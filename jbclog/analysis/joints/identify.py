@@ -1,7 +1,7 @@
 """Identify a tip's thermal model on the run itself, or give the reason why the record does not show it.
 
 A mixture gives first estimates (`mixture`); usual tips are tried as well. From each of these: find the contacts, fit the four
-parameters to the temperatures read in the rows at least `MARGIN_S` away from any contact, the heat-up among them (`_refined`), and
+parameters to the temperatures read in the rows at least `MARGIN_S` away from any contact, the heat-up among them (`rest_fit`), and
 repeat. The best `FINALISTS` are repeated to `ROUNDS` in all, and the best of them is taken (`_score`): the one that explains most
 rows as rest, with hardly any heat coming back from the work, and that is not an unusual tip. No quantile of a line that may never
 rest is used. The uncertainties are those of the last fit, with the rows of each piece of rest taken together because neighbours are
@@ -25,30 +25,17 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from jbclog.analysis.joints.contacts import Flow, find_contacts
 from jbclog.analysis.joints.delay import delay_of
 from jbclog.analysis.joints.heat_up_end import ReadyStretch
-from jbclog.analysis.joints.mixture import (
-    FLAT_PERMILLE,
-    REFERENCE_NOISE,
-    USUAL_CAPACITY,
-    USUAL_LOSS,
-    Limits,
-    Rows,
-    bounded_solution,
-    first_estimates,
-)
-from jbclog.analysis.joints.series import Stretch
+from jbclog.analysis.joints.mixture import FLAT_PERMILLE, REFERENCE_NOISE, USUAL_CAPACITY, USUAL_LOSS, Rows, first_estimates
+from jbclog.analysis.joints.rest_fit import BalancedStretch, Fit, balanced_stretch, fit_rest
 from jbclog.analysis.joints.thermal import (
-    AIR_C,
     COARSE_S,
     QUIET_PERMILLE,
-    Balance,
     Noise,
     ThermalModel,
-    balance_of,
     least_smoothed_noise,
     noise_levels,
     power_noise,
@@ -62,16 +49,6 @@ from jbclog.analysis.verdict.idle import Flags, Floats
 NEVER_READ: Final = "Temperature and power of a working tool were never read together."
 ROUNDS, FINALISTS = 3, 2
 MARGIN_S: Final = 0.2
-HOT_C: Final = 85.0  # a colder tip shows little of its losses
-RISING_K_PER_S: Final = 5.0
-FULL_SHARE: Final = 0.95  # of its highest power: a heat-up takes more while nothing is regulated yet
-PIECE_S: Final = 2.0  # in longer pieces what the balance neglects adds up
-LEAST_PIECE: Final = 4
-REWEIGHTED: Final = 6
-LATE_SPREAD_S, SECOND_S, SECOND_SPREAD_S = 0.15, 0.03, 0.06  # usual values; `second` divided by the capacity
-LAG_RANGE_S, SECOND_RANGE_S = (-0.15, 0.4), (0.0, 0.06)  # `second` divided by the capacity
-INVERSE_SPREAD, INVERSE_RANGE, ALIKE_ROWS = 0.7, (1 / 60, 1 / 2), 20.0  # of 1 / capacity; so many rows share their errors
-LEAVES_NOISES: Final = 1.5  # of the slope of a piece: a steeper one is contact that was not found
 MOST_UNSURE: Final = 0.3  # of the capacity: beyond, the record does not show it
 CAPACITY_RANGE, LOSS_RANGE = (2.0, 80.0), (0.02, 3.0)
 USUAL_CAPACITIES: Final = (5.0, 10.0, 20.0)  # ‰·s/K
@@ -81,14 +58,8 @@ MOST_S, WINDOW_S = 1200.0, 60.0
 LEAST_REST_S, LEAST_REST_ROWS = 3.0, 30
 BACKWARD_NOISES, MOST_BACKWARD = 5.0, 0.15
 BACKWARD_COST: Final = 10.0  # rows at rest that outweigh one in which heat comes back
-KNOWN_COST: Final = 3.0  # and one of a heat-up that the fit does not explain
 CAPACITY_SPREAD, LOSS_SPREAD, PRIOR_SHARE = 0.6, 0.6, 0.04  # of logarithms; of all rows
 MEDIAN_TO_SD: Final = 1.4826
-LIMITS: Final[Sequence[tuple[int, Limits]]] = (  # of 1 / capacity, lag / capacity and second / capacity
-    (0, lambda _: INVERSE_RANGE),
-    (2, lambda fitted: (LAG_RANGE_S[0] * max(fitted[0], 1e-3), LAG_RANGE_S[1] * max(fitted[0], 1e-3))),
-    (3, lambda _: SECOND_RANGE_S),
-)
 MOST_NOISE_FACTOR: Final = 6.0  # times the noise of readings: more is not noise
 
 
@@ -107,7 +78,7 @@ def identify(parts: Sequence[ReadyStretch]) -> Identification:
         return Identification(None, NEVER_READ)
     delay = delay_of(parts)
     parts = [ReadyStretch(part.stretch.power_later(delay.rows), part.ready) for part in parts]
-    balanced = [_balanced(part) for part in parts]
+    balanced = [balanced_stretch(part) for part in parts]
     stretches = [part.stretch for part in parts]
     reading = _ReadingNoise(temperature_noise(stretches), power_noise(stretches))
     usable = np.concatenate([one.usable for one in balanced])
@@ -140,22 +111,22 @@ def _starts(estimates: list[Floats]) -> list[Floats]:
 
 
 def _refined_candidate(
-    balanced: Sequence[_BalancedStretch], usable: Flags, known: Flags, start: Floats, reading: _ReadingNoise, rounds: int
+    balanced: Sequence[BalancedStretch], usable: Flags, known: Flags, start: Floats, reading: _ReadingNoise, rounds: int
 ) -> _Candidate:
     """Find contacts and refine the parameters in turn, `rounds` times, and return the result with its score."""
-    fit, rest, score = _Fit(start, np.full((4, 4), np.nan), 0.0), usable, -np.inf
+    fit, rest, score = Fit(start, np.full((4, 4), np.nan), 0.0), usable, -np.inf
     noise = _observed_noise(balanced, usable, start, reading)
     for _ in range(rounds):
         rest = usable & np.concatenate([_rows_at_rest(one, fit.values, noise) for one in balanced])
         if rest.sum() < LEAST_REST_ROWS:
             break
-        fit = _refined(balanced, rest, known, fit.values, reading.celsius)
+        fit = fit_rest(balanced, rest, known, fit.values, reading.celsius)
         noise = _observed_noise(balanced, usable, fit.values, reading)
         score = _score(fit, noise, _backward_rows(balanced, usable, fit.values, reading), int(usable.sum()))
     return _Candidate(fit, noise, rest, score)
 
 
-def _score(fit: _Fit, noise: Noise, backward: int, rows: int) -> float:
+def _score(fit: Fit, noise: Noise, backward: int, rows: int) -> float:
     """Return how much more likely the rows at rest are than contact with any flow; heat that comes back counts against it."""
     capacity, loss = np.maximum(fit.values[:2], 1e-3)
     unusual = (np.log(capacity / USUAL_CAPACITY) / CAPACITY_SPREAD) ** 2 + (np.log(loss / USUAL_LOSS) / LOSS_SPREAD) ** 2
@@ -167,7 +138,7 @@ def _noise(period_s: float, values: Floats, reading: _ReadingNoise) -> Noise:
     return least_smoothed_noise(period_s, values, reading.celsius, reading.permille)
 
 
-def _backward_rows(parts: Sequence[_BalancedStretch], usable: Flags, values: Floats, reading: _ReadingNoise) -> int:
+def _backward_rows(parts: Sequence[BalancedStretch], usable: Flags, values: Floats, reading: _ReadingNoise) -> int:
     """Return the number of rows in which heat comes back from the work for longer than the noise of readings explains."""
     noise = _noise(parts[0].stretch.period_s, values, reading)
     flow = np.concatenate([_flow(one, values, max(COARSE_S, noise.smooth_s)) for one in parts])
@@ -202,49 +173,7 @@ class _ReadingNoise:
     permille: float
 
 
-@dataclass(frozen=True, slots=True)
-class _BalancedStretch:
-    """A stretch with its heat balance, and the integrals over time of its power and of its temperature above the air."""
-
-    stretch: Stretch
-    ready: Flags
-    balance: Balance
-    power_sum: Floats
-    above_sum: Floats
-
-    @property
-    def hot(self) -> Flags:
-        return np.asarray(self.balance.temperature > HOT_C, dtype=np.bool_)
-
-    @property
-    def heats(self) -> Flags:
-        """Rows of a heat-up."""
-        return np.asarray(self.hot & ~self.ready & (self.balance.warming > RISING_K_PER_S), dtype=np.bool_)
-
-    @property
-    def known(self) -> Flags:
-        """Rows of a heat-up at full power, which are at rest; closer to the setpoint, soldering may have begun."""
-        power = self.stretch.power
-        return np.asarray(self.heats & (power >= FULL_SHARE * power[self.heats].max(initial=0.0)), dtype=np.bool_)
-
-    @property
-    def usable(self) -> Flags:
-        """Rows that the model can use: hot, and ready or heating up."""
-        return np.asarray(self.hot & (self.ready | self.heats), dtype=np.bool_)
-
-
-def _balanced(part: ReadyStretch) -> _BalancedStretch:
-    stretch = part.stretch
-    sums = (_integral(stretch.power, stretch.period_s), _integral(stretch.temperature - AIR_C, stretch.period_s))
-    return _BalancedStretch(stretch, part.ready, balance_of(stretch), *sums)
-
-
-def _integral(values: Floats, period_s: float) -> Floats:
-    """Return the integral up to each row (trapezoids)."""
-    return np.asarray(period_s * (np.cumsum(values) - 0.5 * (values + values[0])), dtype=np.float64)
-
-
-def _rows(parts: Sequence[_BalancedStretch], period_s: float, reading: _ReadingNoise) -> Rows:
+def _rows(parts: Sequence[BalancedStretch], period_s: float, reading: _ReadingNoise) -> Rows:
     """Return the rows for the first estimates."""
     return Rows(
         np.concatenate([one.balance.power for one in parts]),
@@ -254,7 +183,7 @@ def _rows(parts: Sequence[_BalancedStretch], period_s: float, reading: _ReadingN
     )
 
 
-def _rows_at_rest(one: _BalancedStretch, values: Floats, noise: Noise) -> Flags:
+def _rows_at_rest(one: BalancedStretch, values: Floats, noise: Noise) -> Flags:
     """Return the rows of a stretch that are far enough from any contact."""
     stretch = one.stretch
     flow = _flow(one, values, noise.smooth_s)
@@ -265,7 +194,7 @@ def _rows_at_rest(one: _BalancedStretch, values: Floats, noise: Noise) -> Flags:
     return rest
 
 
-def _flow(one: _BalancedStretch, values: Floats, smooth_s: float) -> Floats:
+def _flow(one: BalancedStretch, values: Floats, smooth_s: float) -> Floats:
     """Return the flow of a stretch, smoothed as for finding contacts."""
     period = one.stretch.period_s
     flow = one.balance.power - one.balance.terms @ values
@@ -275,103 +204,16 @@ def _flow(one: _BalancedStretch, values: Floats, smooth_s: float) -> Floats:
 
 
 @dataclass(frozen=True, slots=True)
-class _Fit:
-    """The four parameters of the heat balance, their covariance, and the number of rows that they explain."""
-
-    values: Floats
-    covariance: Floats
-    rows_explained: float
-
-
-@dataclass(frozen=True, slots=True)
 class _Candidate:
     """A fit with its noise, the rows at rest that it comes from, and its score."""
 
-    fit: _Fit
+    fit: Fit
     noise: Noise
     rest: Flags
     score: float
 
 
-def _refined(parts: Sequence[_BalancedStretch], rest: Flags, known: Flags, values: Floats, noise_c: float) -> _Fit:
-    """Return the parameters with which the balance, summed over each piece of rest, gives the temperatures that were read.
-
-    The reading itself is explained, by the heat that came and went since the piece began. Its noise is white, and the terms have
-    hardly any, whereas rates of change have much (L. Ljung, System Identification, 1999, section 3.2: output error). In K: T =
-    begin + (power_sum - loss × above_sum + lag × power - second × T') / capacity.
-    """
-    terms, temperature, piece, known_rest = _rest_pieces(parts, rest, known)
-    capacity = values[0]
-    usual = np.array([1 / USUAL_CAPACITY, USUAL_LOSS / capacity, 0.0, SECOND_S])
-    spread = np.array([INVERSE_SPREAD / USUAL_CAPACITY, USUAL_LOSS / capacity, LATE_SPREAD_S / capacity, SECOND_SPREAD_S])
-    stiffness = np.diag(np.square(noise_c / spread) * [ALIKE_ROWS, 1.0, 1.0, 1.0])
-    fitted, weight = np.array([1.0, values[1], values[3], values[2]]) / capacity, np.ones(len(temperature))
-    for _ in range(REWEIGHTED):
-        residuals = _centred(temperature - terms @ fitted, piece, weight)
-        weight = _weights(residuals, piece, known_rest, noise_c)
-        centred_terms, centred_temperature = _centred(terms, piece, weight), _centred(temperature, piece, weight)
-        weighted = centred_terms * weight[:, None]
-        fitted = bounded_solution(
-            weighted.T @ centred_terms + stiffness, weighted.T @ centred_temperature + stiffness @ usual, LIMITS
-        )
-    residuals = centred_temperature - centred_terms @ fitted
-    scores = np.add.reduceat(weighted * residuals[:, None], np.flatnonzero(np.diff(piece, prepend=-1)), axis=0)
-    bread = np.linalg.inv(weighted.T @ centred_terms + stiffness)
-    meat = scores.T @ scores + stiffness * noise_c**2
-    rows_explained = np.where(known_rest, 1 - KNOWN_COST * (np.abs(residuals) > 3 * noise_c), weight)
-    return _as_balance(fitted, bread @ meat @ bread, float(rows_explained.sum()))
-
-
-def _weights(residuals: Floats, piece: NDArray[np.int64], known_rest: Flags, noise_c: float) -> Floats:
-    """Return the weight of each row: less beyond the noise, and less in a piece in which heat leaves, which is contact not found.
-
-    A piece in which heat comes back keeps its full weight: it does not exist, so the fit must not need it.
-    """
-    count = np.bincount(piece)
-    row = np.arange(len(residuals)) - np.concatenate(([0], np.cumsum(count)[:-1]))[piece] - 0.5 * (count[piece] - 1)
-    slopes = np.bincount(piece, row * residuals) / (noise_c * np.sqrt(np.bincount(piece, np.square(row))))
-    leaves = np.maximum(-slopes - LEAVES_NOISES, 0.0) / LEAVES_NOISES
-    closeness = 1 / (1 + np.square(residuals / (3 * noise_c)))
-    return np.asarray(np.where(known_rest, 1.0, closeness / (1 + np.square(leaves))[piece]), dtype=np.float64)
-
-
-def _as_balance(fitted: Floats, covariance: Floats, rows_explained: float) -> _Fit:
-    """Return the four parameters of the heat balance from those that explain the temperature."""
-    inverse, loss, late, second = fitted.tolist()
-    inverse = max(inverse, 1e-3)
-    turn = np.array([[-1, 0, 0, 0], [-loss, inverse, 0, 0], [-second, 0, 0, inverse], [-late, 0, inverse, 0]]) / inverse**2
-    values = np.array([1.0, loss, max(second, 0.0), late]) / inverse
-    return _Fit(values, turn @ covariance @ turn.T, rows_explained)
-
-
-def _rest_pieces(parts: Sequence[_BalancedStretch], rest: Flags, known: Flags) -> tuple[Floats, Floats, NDArray[np.int64], Flags]:
-    """Return terms, temperature, piece number and known rest of each row at rest, in pieces of up to `PIECE_S`."""
-    period = parts[0].stretch.period_s
-    longest = max(round(PIECE_S / period), LEAST_PIECE)
-    begins = np.cumsum([0, *(len(one.stretch) for one in parts)])
-    new = np.zeros(begins[-1], dtype=np.bool_)
-    new[begins[:-1]] = True
-    new |= rest & ~np.concatenate(([False], rest[:-1]))
-    since = np.arange(len(new)) - np.maximum.accumulate(np.where(new, np.arange(len(new)), 0))
-    number = np.cumsum(new | (since % longest == 0))[rest]
-    terms = np.concatenate(
-        [np.stack([one.power_sum, -one.above_sum, one.stretch.power, -one.balance.warming], axis=1) for one in parts]
-    )[rest]
-    temperature = np.concatenate([one.stretch.temperature for one in parts])[rest]
-    _, place, count = np.unique(number, return_inverse=True, return_counts=True)
-    enough = count[place] >= LEAST_PIECE
-    return terms[enough], temperature[enough], np.unique(place[enough], return_inverse=True)[1], known[rest][enough]
-
-
-def _centred(values: Floats, piece: NDArray[np.int64], weight: Floats) -> Floats:
-    """Return the values less their weighted mean in each piece."""
-    total = np.bincount(piece, weight)
-    if values.ndim == 1:
-        return np.asarray(values - (np.bincount(piece, weight * values) / total)[piece], dtype=np.float64)
-    return np.stack([_centred(column, piece, weight) for column in values.T], axis=1)
-
-
-def _observed_noise(parts: Sequence[_BalancedStretch], usable: Flags, values: Floats, reading: _ReadingNoise) -> Noise:
+def _observed_noise(parts: Sequence[BalancedStretch], usable: Flags, values: Floats, reading: _ReadingNoise) -> Noise:
     """Return the noise that the readings explain, or that the flow below zero shows if that is more; contact only adds to the flow.
 
     The flow is smoothed as little as keeps its noise below `QUIET_PERMILLE`.
@@ -390,7 +232,7 @@ def _observed_noise(parts: Sequence[_BalancedStretch], usable: Flags, values: Fl
     return noise
 
 
-def _model_without_capacity(parts: Sequence[_BalancedStretch], rest: Flags, reading: _ReadingNoise) -> Identification:
+def _model_without_capacity(parts: Sequence[BalancedStretch], rest: Flags, reading: _ReadingNoise) -> Identification:
     """Return a model of unknown capacity if all usual capacities find as many contacts."""
     period = parts[0].stretch.period_s
     power = np.concatenate([one.balance.power for one in parts])[rest]
@@ -405,12 +247,12 @@ def _model_without_capacity(parts: Sequence[_BalancedStretch], rest: Flags, read
     return Identification(ThermalModel(USUAL_CAPACITY, loss, 0.0, 0.0, unsure, noise, reading.celsius, float(rest.sum()) * period))
 
 
-def _count_contacts(parts: Sequence[_BalancedStretch], values: Floats, noise: Noise) -> int:
+def _count_contacts(parts: Sequence[BalancedStretch], values: Floats, noise: Noise) -> int:
     return sum(len(find_contacts(Flow(one.stretch, _flow(one, values, noise.smooth_s)), noise)) for one in parts)
 
 
 def _plausible_model(
-    parts: Sequence[_BalancedStretch], rest: Flags, fit: _Fit, noise: Noise, reading: _ReadingNoise
+    parts: Sequence[BalancedStretch], rest: Flags, fit: Fit, noise: Noise, reading: _ReadingNoise
 ) -> Identification:
     """Return the model with its uncertainties, if it is plausible."""
     rest_s = float(rest.sum()) * parts[0].stretch.period_s
