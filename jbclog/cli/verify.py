@@ -144,7 +144,7 @@ def _proposal(kept: Verification, target: Target, line: Path) -> str | None:
 
 
 def _advice(kept: Verification, call: str | None) -> list[str]:
-    from jbclog.maintenance.verification.verification import MOST_ADJUST_C, needed_adjust_c
+    from jbclog.maintenance.verification import MOST_ADJUST_C, needed_adjust_c
 
     found = []
     needed = needed_adjust_c(kept)

@@ -13,7 +13,7 @@ from jbclog.cli.output import echo_json, echo_table, note, reports_errors
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
-    from jbclog.maintenance.verification import Suspect, Used
+    from jbclog.maintenance.suspect_runs import Suspect, Used
 
 HEADS = ("started", "tips", "order", "units", "verdict", "run")
 
@@ -39,7 +39,7 @@ def where_used(
       jbclog where-used --station dde-1 --port 1
     """
     from jbclog.cli.runs import moment
-    from jbclog.maintenance.verification import where_used as suspects
+    from jbclog.maintenance.suspect_runs import where_used as suspects
 
     if not is_folder(folder):
         raise UsageError(NO_FOLDER.format(folder))

@@ -18,16 +18,15 @@ from jbclog.maintenance.counter_totals.span import NOTHING, Interval, seconds
 from jbclog.maintenance.counter_totals.totals import Trace
 
 # -- pace ---------------------------------------------------------------------------------------------------------------------
-# How fast a counter goes, and how sure that is: what a forecast stands on.
+# The rate of a counter and its uncertainty: the basis of a forecast.
 #
-# Use is uneven: weekends, holidays, products, orders. It is measured in weeks, so that weekends are in each; how much weeks, and
-# months, differ from each other says how far a forecast can be off. A station that was watched for a short time only is taken to
-# vary as stations do (`USUAL`), until it shows otherwise.
+# Use is uneven: weekends, holidays, products, orders. The unit is a week, so that each has its weekend; the variance between weeks
+# and months bounds the forecast. A station with a short history starts with the usual variance (`USUAL`).
 
 DAY: Final = 86400.0
 WEEK: Final = 7 * DAY
-USUAL: Final = 0.6  # the variance of a week's use, of its square, long-run: with what it has in common with the weeks beside it
-USUAL_WEIGHT: Final = 6.0  # blocks that this counts as
+USUAL: Final = 0.6  # long-run variance of a week's use relative to its square, correlation with neighbouring weeks included
+USUAL_WEIGHT: Final = 6.0  # blocks that it counts as
 BLOCK: Final = 4  # weeks
 LEAST_DAYS: Final = 21.0  # of daily audits, before weekdays are distinguished
 LEAST_LASTED: Final = 2 * DAY
@@ -37,7 +36,7 @@ Numbers = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """What was worked from one look to the next, as its middle; times in seconds since 1970."""
+    """The middle of the advance from one look to the next; times in seconds since 1970."""
 
     begin: float
     end: float
@@ -46,8 +45,8 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """`a_week`: what is worked in a week. `variance`: of a week's use, in units of its square, as it adds up over many weeks.
-    `weeks`: how long it was watched. `weekdays`: the share of each, Monday first, of which the mean is 1."""
+    """The rate of a counter. `a_week`: the advance in a week. `variance`: long-run, of a week's advance relative to its square.
+    `weeks`: the length of the history. `weekdays`: the share of each day, Monday first, with a mean of 1."""
 
     a_week: float
     variance: float
@@ -56,7 +55,7 @@ class Pace:
 
 
 def pace_of(steps: Sequence[Step]) -> Pace | None:
-    """The pace that these steps show; None where they last less than two days or nothing was worked."""
+    """Return the rate over these steps; None for less than two days or no advance."""
     lasted = sum(step.end - step.begin for step in steps)
     worked = sum(step.worked for step in steps)
     if lasted < LEAST_LASTED or worked <= 0:
@@ -66,19 +65,18 @@ def pace_of(steps: Sequence[Step]) -> Pace | None:
 
 
 def _variance(steps: Sequence[Step], a_week: float) -> float:
-    """As it was seen in blocks of weeks, and as it usually is."""
-    usual = max(1.0, float(np.median([step.end - step.begin for step in steps])) / WEEK)
-    total, weight = USUAL * USUAL_WEIGHT, USUAL_WEIGHT
-    for length in (BLOCK * math.ceil(usual),):
-        blocks = _blocks(steps, length)
-        if len(blocks) > 1:
-            seen = length * float(np.var(blocks / length / a_week, ddof=1))
-            total, weight = total + seen * (len(blocks) - 1), weight + len(blocks) - 1
-    return total / weight
+    """Return the mean of the usual variance and of that of blocks of weeks, by weight."""
+    median_weeks = max(1.0, float(np.median([step.end - step.begin for step in steps])) / WEEK)
+    length = BLOCK * math.ceil(median_weeks)
+    blocks = _blocks(steps, length)
+    if len(blocks) < 2:
+        return USUAL
+    seen, weight = length * float(np.var(blocks / length / a_week, ddof=1)), len(blocks) - 1
+    return (USUAL * USUAL_WEIGHT + seen * weight) / (USUAL_WEIGHT + weight)
 
 
 def _blocks(steps: Sequence[Step], weeks: float) -> Numbers:
-    """What was worked in each block of so many weeks, counted back from the last look; a rest is left out."""
+    """Return the advance in each block of `weeks`, counted back from the last look, without the remainder."""
     lasted = np.concatenate([[0.0], np.cumsum([step.end - step.begin for step in steps])])
     worked = np.concatenate([[0.0], np.cumsum([step.worked for step in steps])])
     ends = np.arange(lasted[-1], -1e-6, -weeks * WEEK)[::-1]
@@ -86,7 +84,7 @@ def _blocks(steps: Sequence[Step], weeks: float) -> Numbers:
 
 
 def _weekdays(steps: Sequence[Step]) -> tuple[float, ...]:
-    """By looks a day apart at most; all alike where there are not enough."""
+    """Return the share of each weekday by looks about a day apart; equal shares if there are too few."""
     daily = [step for step in steps if 0.5 * DAY < step.end - step.begin < 1.5 * DAY]
     if len(daily) < LEAST_DAYS or len(daily) < 0.5 * len(steps):
         return (1.0,) * 7
@@ -102,7 +100,7 @@ def _weekdays(steps: Sequence[Step]) -> tuple[float, ...]:
 
 
 def days_between(begin: float, end: float) -> list[tuple[int, float]]:
-    """Weekdays (UTC, Monday 0) with the seconds of each that lie between."""
+    """Return the weekdays (UTC, Monday 0) between two times, with the seconds of each."""
     found = []
     while begin < end:
         stop = min(end, (math.floor(begin / DAY) + 1) * DAY)
@@ -112,26 +110,26 @@ def days_between(begin: float, end: float) -> list[tuple[int, float]]:
 
 
 def weekday(time: float) -> int:
-    """Monday is 0."""
+    """Return the weekday of a time; Monday is 0."""
     return (math.floor(time / DAY) + 3) % 7  # 1970 began on a Thursday
 
 
 # -- forecast -----------------------------------------------------------------------------------------------------------------
-# When so much more will have been worked: a moment for each chance, none where it is beyond what can be told.
+# When a counter will have advanced by an amount: a time for each probability, none beyond the horizon.
 #
-# Over t weeks a pace of one week's use each comes to t, with a variance of v (t + t^2 / n): the weeks to come differ by v each,
-# and the pace itself is known from n weeks only. The moment by which an amount of d weeks is reached with a chance of which the
-# normal deviate is z is the t with t - d = z sqrt(v (t + t^2 / n)).
+# The use of t weeks, in units of the mean week, has the mean t and the variance v (t + t^2 / n): each future week varies by v, and
+# the mean itself is known from n weeks only. The time by which an amount of d weeks is reached with the probability of the normal
+# deviate z is the t that solves t - d = z sqrt(v (t + t^2 / n)).
 
 LATE: Final = 1.2816  # the normal deviate of 90 %
-EARLY: Final = 1.6  # of 10 %, and more: work comes in surges, and a part that is worn before it was said does harm
-LASTING: Final = 0.03  # the variance of a pace that does not average out: seasons, shutdowns, other work
+EARLY: Final = 1.6  # more than that of 10 %: work comes in surges, and a part that wears out before its forecast does harm
+LASTING: Final = 0.03  # the variance that does not average out: seasons, shutdowns, other work
 HORIZON_WEEKS: Final = 520.0
 
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """Moments (seconds since 1970) by which it is reached with a chance of 10, 50, 90 %; None: later than in ten years."""
+    """Times (seconds since 1970) by which it is reached with a probability of 10, 50, 90 %; None: more than ten years ahead."""
 
     p10: float | None
     p50: float | None
@@ -139,12 +137,12 @@ class Forecast:
 
 
 def forecast(now: float, left: float, pace: Pace, doubt: float = 0.0) -> Forecast:
-    """When `left` more will have been worked. `doubt` is the variance of `left`."""
+    """Return when the counter will have advanced by `left`, whose variance is `doubt`."""
     return Forecast(*(_moment(now, _weeks(left, pace, doubt, z), pace) for z in (-EARLY, 0.0, LATE)))
 
 
 def _weeks(left: float, pace: Pace, doubt: float, z: float) -> float:
-    """The root of (t - d)^2 = z^2 (v t + v t^2 / n + u) below d or above it."""
+    """Return the root of (t - d)^2 = z^2 (v t + v t^2 / n + u), below d for a negative z, else above."""
     mean, by = left / pace.a_week, z * z * pace.variance
     square = 1 - by / pace.weeks - z * z * LASTING
     half, rest = mean + by / 2, mean * mean - z * z * doubt / pace.a_week**2
@@ -155,7 +153,7 @@ def _weeks(left: float, pace: Pace, doubt: float, z: float) -> float:
 
 
 def _moment(now: float, weeks: float, pace: Pace) -> float | None:
-    """The moment when that many weeks' use has been worked, weekdays as they are."""
+    """Return the time when that many weeks' use is reached, by the shares of the weekdays."""
     if weeks > HORIZON_WEEKS:
         return None
     whole = math.floor(weeks)
@@ -177,10 +175,10 @@ SINCE_FIRST: Final = "counted since the first audit"
 
 
 class State(StrEnum):
-    """How a task stands; the worst of a station's is the station's."""
+    """The state of a task; a station has that of its worst task."""
 
     FINE = "fine"
-    UNKNOWN = "unknown"  # what was used since it was done cannot be told
+    UNKNOWN = "unknown"  # the use since it was done is not known well enough
     SOON = "soon"  # from 80 % on
     DUE = "due"  # from 100 %
     OVERDUE = "overdue"  # from 120 %
@@ -188,7 +186,7 @@ class State(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Due:
-    """When the task's life will have been used, as UTC dates: with a chance of 10, 50 and 90 % by then. Null: after the horizon."""
+    """The UTC dates by which the service interval ends with a probability of 10, 50 and 90 %; null: after the horizon."""
 
     p10: str | None
     p50: str | None
@@ -197,11 +195,11 @@ class Due:
 
 @dataclass(frozen=True, slots=True)
 class TaskState:
-    """One task of one station; `port` null where it is of the whole station.
+    """One task of one station; `port` is null for a task of the whole station.
 
-    `used` and `percent` are intervals; null where nothing is known. `since` is when it was done last, or else since when it is
-    counted (`is_told` false). `due` null says why in `why`: ``not enough data: 2 of 4 audits``. `told_by` says from where it is
-    known when it was done; empty where the ledger has it.
+    `used` and `percent` are intervals, null if not known. `life` is the service interval. `since` is when the task was last done
+    or, if that is not known (`is_told` false), when counting started. `why` is the reason for a null `due`: ``not enough data: 2 of
+    4 audits``. `told_by` is the source of the service date; empty for the ledger.
     """
 
     task: str
@@ -222,9 +220,9 @@ class TaskState:
 
 
 def states_of(task: Task, traces: Sequence[Trace], facts: Sequence[Fact], now: str) -> Iterator[TaskState]:
-    """The task at every port that has its counter, or once for the station. `facts` are the station's, oldest first.
+    """Yield the task's state at every port that has its counter, or once for the station. `facts` are the station's, oldest first.
 
-    Those that are not in the ledger (`seq` 0) come where they belong by when they were told.
+    Facts that are not in the ledger (`seq` 0) are ordered by the time they were recorded.
     """
     done = [fact for fact in facts if fact.task == task.name]
     if not all(fact.seq for fact in done):
@@ -236,12 +234,12 @@ def states_of(task: Task, traces: Sequence[Trace], facts: Sequence[Fact], now: s
     groups = [counted] if task.of_station and counted else [[trace] for trace in counted]
     for group in groups:
         port = None if task.of_station else group[0].port
-        told = [fact for fact in done if port is None or fact.port in (None, port)]
-        yield _of_counter(task, group, port, told[-1] if told else None)
+        of_port = [fact for fact in done if port is None or fact.port in (None, port)]
+        yield _of_counter(task, group, port, of_port[-1] if of_port else None)
 
 
-def _stands(task: Task, used: Interval) -> State:
-    """By what was used at least; what can have been used warns."""
+def _state_of(task: Task, used: Interval) -> State:
+    """Return the state by the least use; the greatest possible use only warns."""
     least, most = 100 * used.low / task.life, 100 * used.high / task.life
     if least >= 100:
         return State.OVERDUE if least >= OVERDUE_PERCENT else State.DUE
@@ -253,26 +251,27 @@ def _stands(task: Task, used: Interval) -> State:
 # -- by the calendar ------------------------------------------------------------------------------------------------------------
 
 
-def _of_days(task: Task, traces: Sequence[Trace], told: Sequence[Fact], now: str) -> TaskState:
+def _of_days(task: Task, traces: Sequence[Trace], facts: Sequence[Fact], now: str) -> TaskState:
     state = TaskState(task.name, task.title, None, DAYS, "d", task.life, None, None, State.UNKNOWN, None, is_told=False)
-    done = _longest_ago({trace.port for trace in traces}, told)
+    done = _longest_ago({trace.port for trace in traces}, facts)
     if done is None:
-        return _never(state, task, min((trace.points[0].time for trace in traces if trace.points), key=seconds, default=now), now)
+        first = min((trace.points[0].time for trace in traces if trace.points), key=seconds, default=now)
+        return _without_date(state, task, first, now)
     days = _days(done.time, now)
     date = _date(seconds(done.time) + task.life * DAY)
     state = replace(state, since=done.time, is_told=True, part=done.part, told_by=_source(done), due=Due(date, date, date))
     return _with_used(state, task, Interval(days, days))
 
 
-def _longest_ago(ports: Collection[int], told: Sequence[Fact]) -> Fact | None:
-    """The last fact of each port; of these the oldest, for a station is done when all of it is. Ports that nobody told of aside."""
-    last = [next((fact for fact in reversed(told) if fact.port in (None, port)), None) for port in sorted(ports)]
-    found = [fact for fact in last if fact is not None] or list(told[-1:])
+def _longest_ago(ports: Collection[int], facts: Sequence[Fact]) -> Fact | None:
+    """Return the oldest of the ports' last facts: a station is done when all its ports are. Ports without a fact do not count."""
+    last = [next((fact for fact in reversed(facts) if fact.port in (None, port)), None) for port in sorted(ports)]
+    found = [fact for fact in last if fact is not None] or list(facts[-1:])
     return min(found, key=lambda fact: seconds(fact.time), default=None)
 
 
-def _never(state: TaskState, task: Task, first: str, now: str) -> TaskState:
-    """Nobody told of it: it cannot have been done for longer than there are audits, and before that nothing is known."""
+def _without_date(state: TaskState, task: Task, first: str, now: str) -> TaskState:
+    """Count from the first audit, as the last service date is unknown; the use may be greater."""
     at_least = Interval(_days(first, now), math.inf)
     waited = _with_used(replace(state, since=first, why=f"{task.never}: {SINCE_FIRST}"), task, at_least)
     return replace(state, why=task.never) if waited.state is State.UNKNOWN else waited
@@ -287,7 +286,7 @@ def _source(done: Fact) -> str:
 
 
 def _with_used(state: TaskState, task: Task, used: Interval) -> TaskState:
-    return replace(state, used=used, percent=used.per(task.life / 100), state=_stands(task, used))
+    return replace(state, used=used, percent=used.per(task.life / 100), state=_state_of(task, used))
 
 
 # -- by a counter ---------------------------------------------------------------------------------------------------------------
@@ -295,14 +294,14 @@ def _with_used(state: TaskState, task: Task, used: Interval) -> TaskState:
 
 def _of_counter(task: Task, group: Sequence[Trace], port: int | None, done: Fact | None) -> TaskState:
     begin = max(trace.points[0].time for trace in group)
-    told = done if done is not None and seconds(done.time) >= seconds(begin) else None
-    used = sum((used_since(trace, told.time if told else None) for trace in group), NOTHING)
+    known = done if done is not None and seconds(done.time) >= seconds(begin) else None
+    used = sum((used_since(trace, known.time if known else None) for trace in group), NOTHING)
     unit = {"h": "h", "mm": "mm"}.get(task.counter.rpartition("_")[2], "count")
     state = TaskState(task.name, task.title, port, task.counter, unit, task.life, None, None, State.UNKNOWN, begin, is_told=False)
-    if told is not None:
-        state = replace(state, since=told.time, is_told=True, part=told.part, told_by=_source(told))
+    if known is not None:
+        state = replace(state, since=known.time, is_told=True, part=known.part, told_by=_source(known))
     elif done is not None:
-        state = replace(state, why="it was done before this station was first seen: counted since then")
+        state = replace(state, why="done before this station was first seen: counted since then")
     else:
         state = replace(state, why=f"{task.never}: {SINCE_FIRST}")
     state = _with_used(state, task, used)
@@ -310,7 +309,7 @@ def _of_counter(task: Task, group: Sequence[Trace], port: int | None, done: Fact
 
 
 def used_since(trace: Trace, time: str | None) -> Interval:
-    """What was worked since `time`, or since the first reading."""
+    """Return the advance since `time`, or since the first reading."""
     last = len(trace.points) - 1
     if time is None:
         return trace.between(0, last)
@@ -333,7 +332,7 @@ def _foreseen(state: TaskState, group: Sequence[Trace]) -> TaskState:
         return _without(state, f"not enough data: {audits} of {LEAST_AUDITS} audits")
     found = foresee(group, state.life, state.used or NOTHING)
     if found is None:
-        return _without(state, "not enough data: it was not used, or not for two days")
+        return _without(state, "not enough data: not used, or for less than two days")
     return replace(state, due=Due(*map(_date, (found.p10, found.p50, found.p90))))
 
 
@@ -342,7 +341,7 @@ def _without(state: TaskState, why: str) -> TaskState:
 
 
 def foresee(group: Sequence[Trace], life: float, used: Interval) -> Forecast | None:
-    """When `life` will have been used, from the last reading on; None where there is no pace yet."""
+    """Return when the service interval `life` ends, from the last reading; None without a rate or a bound on `used`."""
     pace = pace_of(steps_of(group))
     if pace is None or not used.is_bounded:
         return None
@@ -351,7 +350,7 @@ def foresee(group: Sequence[Trace], life: float, used: Interval) -> Forecast | N
 
 
 def steps_of(group: Sequence[Trace]) -> list[Step]:
-    """What was worked between looks, where it is known; of several ports together."""
+    """Return the known advances between looks, of several ports together."""
     found: dict[tuple[float, float], float] = {}
     for trace in group:
         for one, before, after in zip(trace.differences, trace.points, trace.points[1:], strict=False):

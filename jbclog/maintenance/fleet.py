@@ -19,24 +19,23 @@ BEFORE, FLEET = "before", "fleet"
 
 @dataclass(frozen=True, slots=True)
 class Meter:
-    """A counter of a port: what was read now, the odometer behind it, the last difference, the pace (per day, where known)."""
+    """A counter of a port: what was read now, its total, the last difference, and the rate (per day, if known)."""
 
     port: int
     counter: str
     unit: str
     read: Count | None
-    odometer: CounterTotal
+    counter_total: CounterTotal
     last: Difference | None
     per_day: Interval | None
 
 
 @dataclass(frozen=True, slots=True)
 class UseFigure:
-    """A figure of a station's use (`use.py`): its range where it has one, null with a reason (`why`) where it is not known.
+    """A figure of a station's use (`use.py`), with its range if it has one; null with a reason (`why`) if not known.
 
-    `name` is a stable word (``use_percent``, ``idle_hot_h``, ``mm_per_joint``, ...), `title` what people read, `by` the
-    definition where there could be another. It rests on `n` differences between readings, over `days`.
-    `port` null: all ports together.
+    `name` is a stable word (``use_percent``, ``idle_hot_h``, ``mm_a_joint``, ...), `title` its text, `by` the definition if there
+    could be another. It comes from `n` differences between readings over `days`. `port` null: all ports together.
     """
 
     name: str
@@ -53,9 +52,9 @@ class UseFigure:
 
 @dataclass(frozen=True, slots=True)
 class Week:
-    """Seven days from `begin` (UTC date): port hours that were worked a day, null where no two readings tell.
+    """Seven days from `begin` (UTC date): working hours per day of all ports, null without readings around them.
 
-    `is_spread` where readings were further apart than a week, so that a longer time's hours are spread evenly.
+    `is_spread`: readings were further apart than a week, so the hours between them are spread evenly.
     """
 
     begin: str
@@ -65,9 +64,9 @@ class Week:
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """Software or a parameter that is not what it was, or not what the fleet has: `than` is ``before`` or ``fleet``.
+    """Software or a parameter that differs from the last audit or from the fleet: `than` is ``before`` or ``fleet``.
 
-    From the fleet: `held_by` stations (or ports) of the `of` others alike have what is `expected`.
+    In a fleet `held_by` of the `of` other comparable stations (or ports) have the `expected` value.
     """
 
     name: str
@@ -87,7 +86,7 @@ class Drift:
 
 @dataclass(frozen=True, slots=True)
 class StationAudit:
-    """A row: a station of the line, as it was seen now (`seen`) or last (`last_seen`), with all that follows from the ledger."""
+    """A row: a station of the production line as seen now (`seen`) or last (`last_seen`), with the results from the ledger."""
 
     line: str
     station: str
@@ -104,23 +103,23 @@ class StationAudit:
     errors: Errors | None = None
     drifts: tuple[Drift, ...] = ()
     weeks: tuple[Week, ...] = ()  # the last 53, oldest first
-    notes: tuple[str, ...] = ()  # a sentence for everything that is not as it should be
+    notes: tuple[str, ...] = ()  # a sentence for each irregular difference
 
     @property
     def state(self) -> State:
-        """That of the worst task."""
+        """The state of the worst task."""
         order = list(State)
         return max((task.state for task in self.tasks), key=order.index, default=State.FINE)
 
     @property
     def doubts(self) -> tuple[Difference, ...]:
-        """Differences since last time that nobody can be sure of."""
+        """Doubtful differences since the previous audit."""
         return tuple(meter.last for meter in self.meters if meter.last is not None and meter.last.is_doubtful)
 
 
 @dataclass(frozen=True, slots=True)
 class FleetAudit:
-    """All of it. `wrong` are sentences about damaged lines of the ledger; `ledger_head` is the hash of its last line."""
+    """The result of an audit. `wrong`: sentences about damaged lines of the ledger; `ledger_head`: the hash of its last line."""
 
     line: str
     audit: str
@@ -128,7 +127,7 @@ class FleetAudit:
     ledger_head: str
     stations: tuple[StationAudit, ...]
     wrong: tuple[str, ...] = ()
-    facts: tuple[Fact, ...] = ()  # what people told, oldest first
+    facts: tuple[Fact, ...] = ()  # recorded maintenance, oldest first
 
     @property
     def is_whole(self) -> bool:
@@ -136,12 +135,12 @@ class FleetAudit:
 
 
 # -- titles -------------------------------------------------------------------------------------------------------------------
-# The figures of a station's use by name: what people read, the unit, and the definition where there could be another.
+# The figures of a station's use by name: title, unit, and the definition if there could be another.
 
 
 @dataclass(frozen=True, slots=True)
 class Title:
-    """What people read of a figure."""
+    """The texts of a figure."""
 
     text: str
     unit: str
@@ -149,61 +148,59 @@ class Title:
 
 
 TITLES: Final = {
-    "work_h_last": Title("Worked since the audit before", "h"),
-    "work_h_a_day_30": Title("Worked a day, last 30 days", "h a day", "calendar days, all ports added"),
-    "work_h_a_day_365": Title("Worked a day, last year", "h a day", "calendar days, all ports added"),
+    "work_h_last": Title("Working hours since the previous audit", "h"),
+    "work_h_a_day_30": Title("Working hours per day, last 30 days", "h a day", "calendar days, all ports added"),
+    "work_h_a_day_365": Title("Working hours per day, last year", "h a day", "calendar days, all ports added"),
     "use_percent": Title("Use", "%", "working hours of the hours plugged in, last year"),
     "sleep_percent": Title("Sleep and hibernation", "%", "of the hours plugged in, last year"),
     "no_tool_percent": Title("Without a tool", "%", "of the hours plugged in, last year"),
-    "joints_a_day": Title("Joints a day", "a day", "feeds of wire, or desoldering cycles; calendar days, last year"),
-    "joints_a_work_h": Title("Joints a working hour", "1/h", "feeds of wire, or desoldering cycles, last year"),
-    "mm_a_joint": Title("Wire a joint", "mm", "of the last 30 days, or between the last two readings"),
-    "mm_a_joint_before": Title("Wire a joint, before that", "mm", "of the year before that"),
+    "joints_a_day": Title("Joints per day", "a day", "wire feeds or desoldering cycles; calendar days, last year"),
+    "joints_a_work_h": Title("Joints per working hour", "1/h", "wire feeds or desoldering cycles, last year"),
+    "mm_a_joint": Title("Solder wire per joint", "mm", "last 30 days, or since the previous audit"),
+    "mm_a_joint_before": Title("Solder wire per joint, earlier", "mm", "the rest of the last year"),
     "idle_hot_h": Title(
-        "Hot for nothing, at least",
-        "h",
-        "working hours less those that the joints would have taken at the station's own best pace of a week; last year",
+        "Idle while hot, at least", "h", "working hours beyond the joints' time at the station's best weekly rate, last year"
     ),
-    "idle_hot_percent": Title("Hot for nothing, at least", "%", "of the working hours, last year"),
-    "idle_hot_kwh": Title("Wasted by that, at most", "kWh", "those hours at rated power; a tip that is only held hot takes less"),
-    "errors_last": Title("Errors since the audit before", "", "events that runs recorded; between runs nobody looked"),
+    "idle_hot_percent": Title("Idle while hot, at least", "%", "of the working hours, last year"),
+    "idle_hot_kwh": Title("Energy while idle, at most", "kWh", "idle hours at rated power; holding a tip hot takes less"),
+    "errors_last": Title("Errors since the previous audit", "", "recorded by runs; errors between runs are not counted"),
     "error_mtbf_h": Title(
         "Hours between errors, at most",
         "h",
-        "hours plugged in for each error that runs saw, 90 % bounds; between runs nobody looked",
+        "hours plugged in per error recorded by runs, 90 % bounds; errors between runs are not counted",
     ),
 }
 
 
 def known(name: str, value: Interval, n: int, days: float, stated: float | None = None) -> UseFigure:
-    """A figure with its range, which rests on `n` differences over `days`; `stated` where its bound is what is meant."""
+    """Return a figure with its range, from `n` differences over `days`. `stated`: its value if that is not the middle."""
     title = TITLES[name]
     found = UseFigure(name, title.text, title.unit, stated, value, n=n, days=days, by=title.by)
     if stated is not None:
         return found
-    return replace(found, value=value.middle) if value.is_bounded else replace(found, why="nothing bounds it from above")
+    return replace(found, value=value.middle) if value.is_bounded else replace(found, why="no upper bound is known")
 
 
 def unknown(name: str, why: str) -> UseFigure:
-    """A figure that cannot be known, and why."""
+    """Return a figure that is not known, with the reason."""
     return UseFigure(name, TITLES[name].text, TITLES[name].unit, None, why=why, by=TITLES[name].by)
 
 
-# -- ending -------------------------------------------------------------------------------------------------------------------
-# What an audit comes to: the findings that it may end with, and the exit code (docs/reference/exit-codes.md).
+# -- findings -----------------------------------------------------------------------------------------------------------------
+# The findings of an audit, and its exit code (docs/reference/exit-codes.md).
 
 ABSENT: Final = "nak4"  # the station does not have that counter
 
 
 class Finding(StrEnum):
-    """What `--fail-on` can name."""
+    """The findings that `--fail-on` can name."""
 
     OVERDUE = "overdue"
     DUE = "due"
     SOON = "soon"
-    SUSPECT = "suspect"  # a difference that nobody can be sure of, or a counter on which no two reads agreed
+    SUSPECT = "suspect"  # a doubtful difference, or a counter on which no two reads agreed
     DRIFT = "drift"
-    UNSEEN = "unseen"  # a station that did not answer, or did not tell all of its counters
+    UNSEEN = "unseen"  # a station that did not answer, or not with all of its counters
 
 
 USUAL: Final = (Finding.OVERDUE, Finding.DUE, Finding.SUSPECT, Finding.UNSEEN)
@@ -211,7 +208,7 @@ _TASKS: Final = {State.OVERDUE: Finding.OVERDUE, State.DUE: Finding.DUE, State.S
 
 
 def findings(station: StationAudit) -> set[Finding]:
-    """Everything that there is to find at this station."""
+    """Return all findings at this station."""
     return set(_found(station))
 
 
@@ -232,7 +229,7 @@ def _found(station: StationAudit) -> Iterator[Finding]:
 
 
 def exit_code(audit: FleetAudit, fail_on: Collection[Finding] = USUAL) -> int:
-    """3 where a station was not seen, else 1 where something is due or suspect; 0 where all is fine. The ledger is not in it."""
+    """Return 3 if a station was not seen, else 1 for any other finding in `fail_on`, else 0. Ignores damage of the ledger."""
     found = {one for station in audit.stations for one in findings(station)} & set(fail_on)
     if Finding.UNSEEN in found:
         return 3

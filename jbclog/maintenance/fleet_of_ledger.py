@@ -19,14 +19,13 @@ from jbclog.maintenance.counter_totals.tracing import History, Traces, histories
 from jbclog.maintenance.due import TaskState, states_of
 from jbclog.maintenance.fleet import BEFORE, FLEET, Drift, FleetAudit, Meter, StationAudit
 from jbclog.maintenance.ledger import Book
-from jbclog.maintenance.use import WORK, Past, use_of
-from jbclog.maintenance.weeks import weeks_of
+from jbclog.maintenance.use import WORK, Past, use_of, weeks_of
 
 # -- naming -------------------------------------------------------------------------------------------------------------------
-# Which station and which task somebody means, of those that a ledger and its files know; not found, the nearest names.
+# Names of stations and tasks, looked up in the ledger and the tasks file; errors list the nearest names.
 
 USUAL: Final = ("tip-change", "cartridge-change", "pump-filter", "feeder-rollers", "feeder-cutter", "verification", "service")
-"""Tasks that can be recorded without a tasks file."""
+"""The tasks that can be recorded without a tasks file."""
 MOST_NEAR: Final = 3
 
 Place = tuple[str, str]
@@ -34,15 +33,15 @@ Place = tuple[str, str]
 
 
 def place_of(wanted: str, book: Book, also: Iterable[Place] = ()) -> Place:
-    """The station called ``NAME`` or ``LINE/NAME`` in the ledger or in `also`. Raises `UsageError`."""
+    """Return the station called ``NAME`` or ``LINE/NAME`` in the ledger or in `also`. Raises `UsageError`."""
     known = {(one.line, one.station) for one in book.entries} | set(also)
     found = sorted(one for one in known if wanted in (one[1], "/".join(one)))
     if len(found) == 1:
         return found[0]
     if found:
-        raise UsageError(f"--station {wanted}: several lines have one of that name; give {' or '.join(map('/'.join, found))}")
+        raise UsageError(f"--station {wanted}: several lines have a station of that name; give {' or '.join(map('/'.join, found))}")
     if not known:
-        raise UsageError(f"{book.path} knows no station yet: name its ledger with --ledger, audit first, or give --line")
+        raise UsageError(f"{book.path} has no station yet: audit first, give --line, or name another ledger with --ledger")
     raise UsageError(f"--station {wanted}: {book.path} has no station of that name; {_near(wanted, {name for _, name in known})}")
 
 
@@ -56,11 +55,11 @@ def expect_port(port: int | None, place: Place, book: Book) -> None:
 
 
 def task_of(wanted: str, book: Book, names: Sequence[str] | None = None) -> str:
-    """Return the task of that name: from the tasks file, the usual tasks or the ledger. Raises `UsageError`."""
+    """Return the task of that name in the tasks file, the usual tasks or the ledger. Raises `UsageError`."""
     known = {*STATED, *(fact.task for fact in book.facts), *(USUAL if names is None else names)}
     if wanted in known:
         return wanted
-    more = "; a tasks file with others is named with --tasks" if names is None else ""
+    more = "; give a tasks file with other tasks with --tasks" if names is None else ""
     raise UsageError(f"--task {wanted}: there is no task of that name; {_near(wanted, known)}{more}")
 
 
@@ -71,19 +70,18 @@ def _near(wanted: str, known: Iterable[str]) -> str:
 
 
 # -- drift --------------------------------------------------------------------------------------------------------------------
-# Software and parameters that are not what they were at the audit before, or not what the fleet has.
+# Software and parameters that differ from the last audit or from the fleet.
 #
-# Alike are stations of one model (software), and ports of one family with one tool (parameters). An odd one out is told where at
-# least three of a group, and three quarters of it, have one other value. Where a fleet has recipes of several kinds, no value has
-# such a majority, and nobody drifts.
+# Software is compared among stations of one model, a parameter among ports of one family with the same tool. A value drifts if at
+# least three of the group, and three quarters of it, have one other value. A fleet with several recipes has no such majority.
 
 FEWEST: Final = 3
 MAJORITY: Final = 3 / 4
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
-    """One value that a station has, under its own name, and what it can be compared among."""
+class Held:
+    """One value of a station, with its name and the group in which it is compared (`alike`)."""
 
     station: str
     name: str
@@ -92,38 +90,39 @@ class Said:
 
 
 def drifts(looks: Mapping[str, Sequence[Observation]]) -> dict[str, tuple[Drift, ...]]:
-    """For each station whatever drifted; of the looks that saw it, oldest first, the last two count."""
-    said = {name: list(_said(seen[-1])) for name, seen in looks.items() if seen}
+    """Return what drifted at each station; `looks` are those that it answered, oldest first."""
+    held = {name: list(_held(seen[-1])) for name, seen in looks.items() if seen}
     groups: dict[tuple[str, ...], Counter[str]] = defaultdict(Counter)
-    for one in (one for all_of_it in said.values() for one in all_of_it):
-        groups[one.alike][one.value] += 1
-    return {name: (*_since(looks[name]), *_apart(ones, groups)) for name, ones in said.items()}
+    for values in held.values():
+        for one in values:
+            groups[one.alike][one.value] += 1
+    return {name: (*_since_last(looks[name]), *_from_fleet(values, groups)) for name, values in held.items()}
 
 
-def _said(look: Observation) -> Iterator[Said]:
+def _held(look: Observation) -> Iterator[Held]:
     if look.identity is None:
         return
     kind = look.identity.model or look.identity.family
     if look.identity.software is not None:
-        yield Said(look.station, "software", look.identity.software, ("software", kind))
+        yield Held(look.station, "software", look.identity.software, ("software", kind))
     for name, value in sorted(look.parameters.items()):
         port, _, setting = name.rpartition(".")
         tool = look.tools.get(int(port), "") if port.isdecimal() else ""
-        yield Said(look.station, name, value, (setting, look.identity.family, tool))
+        yield Held(look.station, name, value, (setting, look.identity.family, tool))
 
 
-def _since(seen: Sequence[Observation]) -> Iterator[Drift]:
+def _since_last(seen: Sequence[Observation]) -> Iterator[Drift]:
     if len(seen) < 2:
         return
-    before = {one.name: one for one in _said(seen[-2])}
-    for one in _said(seen[-1]):
+    before = {one.name: one for one in _held(seen[-2])}
+    for one in _held(seen[-1]):
         was = before.get(one.name)
         if was is not None and was.alike == one.alike and was.value != one.value:
             yield Drift(one.name, one.value, was.value, BEFORE)
 
 
-def _apart(said: Sequence[Said], groups: Mapping[tuple[str, ...], Counter[str]]) -> Iterator[Drift]:
-    for one in said:
+def _from_fleet(values: Sequence[Held], groups: Mapping[tuple[str, ...], Counter[str]]) -> Iterator[Drift]:
+    for one in values:
         group = groups[one.alike]
         value, held_by = group.most_common(1)[0]
         if value != one.value and held_by >= max(FEWEST, MAJORITY * group.total()):
@@ -132,9 +131,7 @@ def _apart(said: Sequence[Said], groups: Mapping[tuple[str, ...], Counter[str]])
 
 # -- fleet of ledger ----------------------------------------------------------------------------------------------------------
 
-"""Line and station."""
-
-TOLD = DOUBTFUL | {Kind.RESET, Kind.REPLACED}
+NOTED = DOUBTFUL | {Kind.RESET, Kind.REPLACED}
 
 
 def fleet_of(
@@ -145,9 +142,9 @@ def fleet_of(
     watts: Mapping[Place, float] | None = None,
     beside: Iterable[Entry] = (),
 ) -> FleetAudit:
-    """A row for each of `seen`, what this audit saw, in its order.
+    """Return the result of an audit: a row for each of its observations `seen`, in order.
 
-    `book` has it too, but for what could not be written (`beside`). `watts` is the rated power of stations that have one.
+    `book` contains them, too, except those that could not be written (`beside`). `watts`: rated power by station, if declared.
     """
     found = histories([*book.entries, *beside])
     past = {place: found.get(place, History(*place)) for place in map(_place, seen)}
@@ -208,7 +205,7 @@ def _tasks(tasks: Sequence[Task], now: Observation, family: str | None, traces: 
 
 
 def _meters(now: Observation, history: History, traces: Traces) -> Iterator[Meter]:
-    """Of every counter that is there now or ever was, as far as it is this station's."""
+    """Yield every counter read now or earlier, of the current station."""
     read = {(one.port, one.counter): one for one in now.counts} if now.seen else {}
     for key in dict.fromkeys([*read, *traces.now]):
         trace = traces.now.get(key)
@@ -228,20 +225,20 @@ def _meter(trace: Trace, read: Count | None, history: History) -> Meter:
         counter=trace.counter,
         unit=trace.unit,
         read=read,
-        odometer=trace.odometer,
+        counter_total=trace.counter_total,
         last=trace.differences[-1] if trace.differences else None,
         per_day=per_day(trace, times),
     )
 
 
-# -- what is not as it should be ------------------------------------------------------------------------------------------------
+# -- notes ----------------------------------------------------------------------------------------------------------------------
 
 
 def _notes(now: Observation, traces: Traces) -> Iterator[str]:
-    """A sentence for every difference up to now that is no plain one."""
+    """Yield a sentence for every difference of this audit that is doubtful, not known, a reset or a replacement."""
     for _, trace in sorted(traces.now.items()):
         for one in (*trace.aside, *trace.differences[-1:]):
-            if one.end == now.time and (one.kind in TOLD or not one.is_known):
+            if one.end == now.time and (one.kind in NOTED or not one.is_known):
                 yield _note(one)
 
 

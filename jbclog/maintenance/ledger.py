@@ -1,8 +1,8 @@
 """The ledger of counter audits: a chained file and the form of its lines.
 
-It may hold several lines' stations; line and name identify them. A line that was changed or cut off is told with its
-number and counts for nothing; what comes behind it still counts, and is still added: an audit's values are not lost because
-somebody harmed the file. Whoever reads it has `wrong`, and ends with exit code 4 (`is_sound`).
+It may hold stations of several production lines, identified by line and name. A damaged line is reported with its number and
+ignored; the lines after it count, and new ones are still added, so that damage loses no audit. Commands end with exit code 4
+(`is_sound`).
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ from jbclog.core.locks import try_lock
 from jbclog.maintenance.counter_totals.observed import Count, Entry, Fact, Observation, Standing, StationLook
 
 # -- ledger line --------------------------------------------------------------------------------------------------------------
-# A line is an observation or a fact, as JSON that people can read. Counts stand as ``"counts": {"1": {"work_h": 412, ...}}``, those
-# without a value as ``moving`` or ``unread``. Units are in the names (docs/reference/tables.md).
+# A line is an observation or a fact, as readable JSON. Counts are ``"counts": {"1": {"work_h": 412, ...}}``, those without a value
+# ``moving`` or ``unread``. Units are in the names (docs/reference/tables.md).
 
 V = TypeVar("V")
 Number = Annotated[float, msgspec.Meta(ge=-LARGEST, le=LARGEST)]
@@ -35,7 +35,7 @@ OWN: Final = b', "sha256": "'
 
 
 class _Tables(msgspec.Struct, gc=False):
-    """The counts of an observation as its line carries them: by port, then by counter."""
+    """The counts of an observation in its line: by port, then by counter."""
 
     counts: dict[int, dict[str, Number]] = msgspec.field(default_factory=dict)
     moving: dict[int, dict[str, tuple[Number, ...]]] = msgspec.field(default_factory=dict)
@@ -87,7 +87,7 @@ def _cell(one: Count) -> tuple[str, object]:
 
 
 def read_line(line: bytes) -> Entry | None:
-    """Parse a line; None unless it is, to the byte, what was written."""
+    """Parse a line; None unless its hash is right and its content an entry."""
     body, own, rest = line.rpartition(OWN)
     body += b"}"
     if not own or rest != sha256(body).encode() + b'"}':
@@ -107,17 +107,17 @@ def _observation(body: bytes) -> Observation:
 
 # -- ledger -------------------------------------------------------------------------------------------------------------------
 
-FIRST: Final = sha256(b"jbclog counters")  # not the file's name: whoever moves or renames a ledger keeps it
+FIRST: Final = sha256(b"jbclog counters")  # not the file's name, so that a ledger can be moved and renamed
 LOCK: Final = ".lock"
 
 
-class AuditGoesOn(UsageError):
-    """Another audit writes to this ledger now. Nothing was sent."""
+class AuditInProgress(UsageError):
+    """Another audit uses this ledger. Nothing was sent."""
 
 
 @dataclass(frozen=True, slots=True)
 class Book:
-    """Every line that can be read, oldest first; what is wrong (line, sentence); the hash of the last line."""
+    """Every readable line, oldest first; what is wrong (line, sentence); the hash of the last line."""
 
     path: Path
     entries: list[Entry] = field(default_factory=list)
@@ -134,18 +134,18 @@ class Book:
 
     @property
     def is_sound(self) -> bool:
-        """Whether the chain holds. A last line that a crash cut off was never acknowledged, and harms nothing."""
+        """Whether the chain holds. A last line cut off by a crash was never acknowledged, and does not count."""
         return all("cut off" in text for _, text in self.wrong)
 
     @property
     def is_foreign(self) -> bool:
-        """Whether the file is something else: it has lines, and not one of them is a ledger's."""
+        """Whether the file is no ledger: it has lines, but none of a ledger."""
         return not self.entries and not self.is_sound
 
     def expect_ledger(self) -> None:
-        """Raise `RecordError` where it is something else, such as a line file: nothing is put behind that."""
+        """Raise `RecordError` for another kind of file, such as a line file: nothing is added to it."""
         if self.is_foreign:
-            raise RecordError(f"{self.path} is no ledger: no line of it is one. Nothing was put behind it; name another file")
+            raise RecordError(f"{self.path} is not a ledger: none of its lines is valid. Nothing was added; name another file")
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -153,7 +153,7 @@ class Book:
 
 
 def read_book(path: Path) -> Book:
-    """The ledger at `path`; an empty one where there is no file. Raises `RecordError`."""
+    """Return the ledger at `path`; an empty one if there is no file. Raises `RecordError`."""
     try:
         data = read_foreign(path, Kind.LEDGER, links=True)
     except FileNotFoundError:
@@ -165,9 +165,9 @@ def read_book(path: Path) -> Book:
 
 
 def add(path: Path, entries: Iterable[Entry]) -> list[Entry]:
-    """Put them at the end of the ledger, made with its folder where it is not there; give them as they stand there.
+    """Append entries to the ledger, which is made with its folder if needed; return them as written.
 
-    All of them or, where the disk is full, the first of them. Raises `RecordError`.
+    On a full disk only the first of them may be written. Raises `RecordError`.
     """
     kept: list[Entry] = []
 
@@ -191,7 +191,7 @@ def _why(error: OSError) -> str:
 
 @contextmanager
 def auditing(path: Path) -> Iterator[None]:
-    """The ledger for one audit at a time. Raises `AuditGoesOn` where another has it, `RecordError` where none can be had."""
+    """Lock the ledger for one audit. Raises `AuditInProgress` during another one, `RecordError` if the lock cannot be made."""
     lock = path.with_name(path.name + LOCK)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -199,7 +199,7 @@ def auditing(path: Path) -> Iterator[None]:
     except OSError as error:
         raise RecordError(f"{lock} cannot be made: {error.strerror or error}") from error
     if held is None:
-        raise AuditGoesOn(f"another audit with the ledger {path} goes on; nothing was asked. Try again when it is through")
+        raise AuditInProgress(f"another audit uses the ledger {path}; nothing was sent. Try again when it has finished")
     try:
         yield
     finally:

@@ -121,7 +121,7 @@ def test_the_audits_odometers_hold_the_truth(tmp_path: Path) -> None:
     for name, made in notebook_data.simulated().items():
         for key, trace in traced["bench-3", name].now.items():
             first, last = (made.moments[trace.points[at].look] for at in (0, -1))
-            assert made.true(key, last) - made.true(key, first) in trace.odometer.total, (name, key)
+            assert made.true(key, last) - made.true(key, first) in trace.counter_total.total, (name, key)
 
 
 @pytest.mark.parametrize("notebook", [FOLLOW, JOINTS], ids=lambda path: path.stem)

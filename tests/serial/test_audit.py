@@ -320,7 +320,7 @@ def test_what_is_no_ledger_is_never_added_to(bench: Bench, tmp_path: Path) -> No
     ended = audit(bench.line, other, "--json")
     assert ended.exit_code == 4
     assert json.loads(ended.stdout)["trouble"] == [
-        f"{other} is no ledger: no line of it is one. Nothing was put behind it; name another file"
+        f"{other} is not a ledger: none of its lines is valid. Nothing was added; name another file"
     ]
     done = ("maintenance", "done", "-s", "dde-1", "--task", "service", "--by", "W", "--line", str(bench.line))
     assert CliRunner().invoke(app, [*done, "--ledger", str(other)]).exit_code == 4

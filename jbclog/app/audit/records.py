@@ -20,8 +20,7 @@ from jbclog.core.errors import JbclogError, RecordError
 from jbclog.core.rows import StationFacts
 from jbclog.core.serial_line import is_one_port
 from jbclog.maintenance.counter_totals.observed import Count, Errors, Fact, Identity, Observation, Standing
-from jbclog.maintenance.verification.verification import Verification
-from jbclog.maintenance.verification.verifications_file import NAME, Book, last_valid, places_of, read_book
+from jbclog.maintenance.verification import NAME, Book, Verification, last_valid, places_of, read_book
 from jbclog.protocol.commands.command import Scope
 from jbclog.protocol.commands.family import FAMILIES, Family
 from jbclog.record.conclude import known_stations

@@ -55,7 +55,7 @@ class Audited:
 def audit_lines(lines: Sequence[Line], ledger: Path, survey: Survey, observed: Observed, runs: Path | None = None) -> Audited:
     """Read every station of `lines`; call `observed` with each observation. `runs` is the folder of their runs.
 
-    Raises `AuditGoesOn` if another audit uses this ledger; then nothing was read.
+    Raises `AuditInProgress` if another audit uses this ledger; then nothing was read.
     """
     audited = Audited(utc(), Book(ledger))
     with ExitStack() as held:

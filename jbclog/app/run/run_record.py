@@ -28,7 +28,7 @@ from jbclog.core.clock import Clock, UtcOffset
 from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.core.outcome import Exit, RunFinding, exit_code, findings, status
 from jbclog.core.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts, TipCheck
-from jbclog.maintenance.verification.verifications_file import cited
+from jbclog.maintenance.verification import cited
 from jbclog.record.chains import previous_run
 from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run, keep_text

@@ -1,11 +1,10 @@
 """What happened to a station between two audits, and the resulting advance of each counter.
 
-A reset is supposed to set every counter of a port to zero. So it is shown by a counter that fell and cannot have rolled over, and
-ruled out by one that shows more than can have been counted since the last look. Where neither is so, nobody can know, and what
-follows is bounded by both.
+A reset is assumed to set every counter of a port to zero. A counter that fell and cannot have rolled over proves one; a counter
+that shows more than could be counted since the last look rules it out. Without either, the advance is bounded by both cases.
 
-All counters of the station are heard together: where one unit cannot have shown all of it without a reset (`judging.py`), another
-unit may stand there, and of none of its counters is more known than what there was time for.
+All counters of a station are judged together: if one unit cannot have shown all of them, it may have been exchanged, and only the
+elapsed time bounds each counter.
 """
 
 from __future__ import annotations
@@ -24,12 +23,11 @@ from jbclog.maintenance.counter_totals.span import NOTHING, Interval, Reading, S
 from jbclog.maintenance.counter_totals.totals import Join, Kind
 
 # -- judgement ----------------------------------------------------------------------------------------------------------------
-# What a difference was judged to be, before it is put into words.
+# What a difference is, before its text is made.
 
 
 class Judged(msgspec.Struct, frozen=True, gc=False):
-    """A span and what it means. `lost` is, of a counter that was reset, what it had counted since the last reading before it;
-    where the join is loose, all that is known."""
+    """A span and what it means. `lost`: the advance between the last reading and the reset; for a loose join the whole advance."""
 
     span: Span
     kind: Kind
@@ -41,7 +39,7 @@ class Judged(msgspec.Struct, frozen=True, gc=False):
 
     @property
     def delta(self) -> Interval:
-        """What was worked."""
+        """The advance between the readings."""
         if self.join is Join.LOOSE:
             return self.lost
         if self.join is Join.FROM_ZERO:
@@ -50,12 +48,12 @@ class Judged(msgspec.Struct, frozen=True, gc=False):
 
 
 def since_zero(span: Span) -> Interval:
-    """What the last reading stands for where it counted from zero."""
+    """Return the advance that the last reading stands for, counted from zero."""
     return Interval(span.after.shown.low, span.after.shown.high + span.trait.step)
 
 
 def turned(span: Span, turns: int) -> Interval:
-    """What was worked if it rolled over so often."""
+    """Return the advance with `turns` roll-overs."""
     if not turns:
         return span.worked
     by, step = turns * span.modulus, span.trait.step
@@ -63,53 +61,53 @@ def turned(span: Span, turns: int) -> Interval:
 
 
 def loose(span: Span, rule: str, worked: Interval, kind: Kind = Kind.SUSPECT) -> Judged:
-    """Only bounds are known."""
+    """Return a judgement of which only the bounds `worked` are known."""
     return Judged(span, kind, rule, Join.LOOSE, lost=worked, is_known=False)
 
 
-# -- sentences ----------------------------------------------------------------------------------------------------------------
-# Why a difference is what it is said to be: a sentence for each rule.
+# -- rules --------------------------------------------------------------------------------------------------------------------
 
 RULES: Final = {
-    "unchanged": "It shows what it showed.",
-    "went_on": "It went on, and not faster than can be.",
-    "fell_from_near_its_top": "It alone fell, and went on from zero after its last number: at the pace that it had, it was once.",
-    "fits_its_companion": "Only this many roll-overs fit what was fed meanwhile, at the length a feed that was seen before.",
-    "rolled_over_unknown_times": "It rolled over, and at its pace it can have done so more than once since the last reading.",
-    "can_have_rolled_over": "At its pace it can have rolled over since the last reading without showing it.",
-    "stands_at_top": "It shows its last number: no manual says whether it stands still there or goes on from zero.",
-    "fell_alone": "It alone fell, from where it cannot have rolled over, and others show that the station was not reset.",
-    "fell_to_what_cannot_be": "It fell to more than can have been counted since the last reading: neither a reset nor a roll-over.",
-    "faster_than_time": "It counted more hours than there were between the readings.",
-    "beside_what_cannot_be": "It fits, but other counters of the station do not: these may be another station's.",
+    "unchanged": "Unchanged.",
+    "went_on": "It advanced at a plausible rate.",
+    "fell_from_near_its_top": "It alone fell: at its usual rate it rolled over exactly once since the last reading.",
+    "fits_its_companion": "Only this number of roll-overs fits the wire feeds counted since, at the length per feed seen before.",
+    "rolled_over_unknown_times": "It rolled over, possibly more than once since the last reading.",
+    "can_have_rolled_over": "At its usual rate it may have rolled over since the last reading without a trace.",
+    "stands_at_top": "It shows its last number; no manual says whether it stops there or continues from zero.",
+    "fell_alone": "It alone fell, from too low a number for a roll-over, and other counters rule out a reset.",
+    "fell_to_what_cannot_be": "It fell to more than could be counted since the last reading: neither a reset nor a roll-over.",
+    "faster_than_time": "It counted more hours than passed between the readings.",
+    "beside_what_cannot_be": "It fits, but other counters of the station do not: the reading may be another station's.",
     "faster_than_plausible": "It counted faster than is plausible.",
-    "clock_ran_back": "The host's clock was set back; until a later reading nobody knows how long it was in between.",
-    "fell_since": "It fell to what can have been counted since the last reading; what it counted before the reset is lost.",
-    "reset_or_other_unit": "It was reset, or exchanged for a unit that was hardly used: only the time bounds what was worked.",
-    "reset_with_its_port": "Others of its port were reset, and it shows no more than can have been counted since.",
-    "stated_reset": "It was reset, as somebody told; what it counted between the last reading and then is lost.",
-    "can_hide_reset": "All that is shown can have been counted since the last reading, so that a reset in between would not show.",
-    "rolled_over_or_reset": "It fell: it rolled over or was reset, and no other counter tells which.",
-    "left_out": "It fits neither the reading before it nor the one after, and these fit each other: it is left out.",
-    "other_model": "The station's model is another.",
-    "other_uid": "The station's number is another.",
-    "other_software": "The software is another, and the counters do not go on from those before.",
-    "stated_replaced": "The station was replaced, as somebody told.",
-    "counters_of_another": "Several counters fell to more than can have been counted since the last reading: another station's.",
+    "clock_ran_back": "The host's clock was set back: the time since the last reading is unknown until a later audit.",
+    "fell_since": "It was reset: it fell to what could be counted since the last reading. Its count before the reset is lost.",
+    "reset_or_other_unit": "It was reset, or exchanged for a hardly used unit: only the elapsed time bounds its advance.",
+    "reset_with_its_port": "Other counters of its port were reset, and it shows no more than could be counted since.",
+    "stated_reset": "A reset was recorded; the count between the last reading and the reset is lost.",
+    "can_hide_reset": "A reset since the last reading would not show: the station could count all of it in that time.",
+    "rolled_over_or_reset": "It fell: it rolled over or was reset, and no other counter shows which.",
+    "left_out": "It fits neither the reading before nor the one after, and those two fit each other: ignored.",
+    "other_model": "The station reports another model.",
+    "other_uid": "The station has another identifier.",
+    "other_software": "The software changed, and the counters do not continue from the last reading.",
+    "stated_replaced": "A replacement of the station was recorded.",
+    "counters_of_another": "Several counters fell to more than could be counted since the last reading: another station.",
 }
+"""The text of each rule."""
 
 
 # -- difference ---------------------------------------------------------------------------------------------------------------
-# What the difference of a counter means that was not reset: it went on, rolled over, or nobody can tell.
+# What the difference of a counter that was not reset means: it advanced, rolled over, or is in doubt.
 
 
 def counted_on(span: Span) -> Judged:
-    """A span of a port that was not reset."""
+    """Judge a span of a port that was not reset."""
     if span.after.shown.high >= span.top:
         return loose(span, "stands_at_top", Interval(span.worked.low, max(span.worked.high, span.most)))
     if span.fell:
         return _rolled_over(span, span.turns(span.usual))
-    if not span.can_go_on:
+    if not span.can_continue:
         return _too_fast(span)
     turns = span.turns(span.usual)
     if turns:
@@ -135,15 +133,14 @@ def _too_fast(span: Span) -> Judged:
 
 
 # -- misread ------------------------------------------------------------------------------------------------------------------
-# Readings that belong to nothing: they fit neither the one before nor the one after, while these two fit each other.
-#
-# A digit that was wrong on the wire in two readings alike, or another station that answered for once.
+# Readings that fit neither the one before nor the one after, while those two fit each other: a digit wrong in two reads alike, or
+# an answer of another station.
 
 MakeSpan = Callable[[Reading, Reading], Span]
 
 
 def misread(readings: Sequence[Reading], span: MakeSpan) -> set[int]:
-    """The looks whose reading of this counter is to be left out."""
+    """Return the looks whose reading of this counter is to be left out."""
     wrong: set[int] = set()
     before = 0
     for place in range(1, len(readings) - 1):
@@ -155,29 +152,29 @@ def misread(readings: Sequence[Reading], span: MakeSpan) -> set[int]:
 
 
 def _is_wrong(before: Reading, this: Reading, after: Reading, span: MakeSpan) -> bool:
-    if before.shown.low <= this.shown.high and this.shown.low <= after.shown.high:  # most are
+    if before.shown.low <= this.shown.high and this.shown.low <= after.shown.high:  # the common case
         return False
     there, back = span(before, this), span(this, after)
-    if not there.is_impossible or back.can_go_on:  # one that fell to what it can have counted since a reset may be right
+    if not there.is_impossible or back.can_continue:  # a fall to what could be counted since a reset may be right
         return False
-    return span(before, after).can_go_on
+    return span(before, after).can_continue
 
 
 # -- companion ----------------------------------------------------------------------------------------------------------------
-# Two counters that go together: millimetres for each feed. One that rolls over often is told by the one that does not.
+# Two counters that advance together: millimetres and feeds. The one that rarely rolls over shows how often the other did.
 
 Ratios = Mapping[tuple[int, str], Interval]
-"""By port and counter: how much a counter grew for each count of its companion, at the least and at the most, with a margin."""
+"""By port and counter: the range of its advance for each count of its companion, with a margin."""
 
 COMPANION: Final = {"dispensed_mm": "dispensed_cycles"}
 OPEN: Final = ("can_have_rolled_over", "rolled_over_unknown_times")
 LEAST_COUNTS: Final = 100.0
 LEAST_SEEN: Final = 3
-MARGIN: Final = 2.5  # another product may take that much more or less
+MARGIN: Final = 2.5  # factor by which another product may take more or less
 
 
 def ratios_of(looks: Iterable[Iterable[Judged]]) -> dict[tuple[int, str], Interval]:
-    """What was seen, of differences that are known, at every look."""
+    """Return the ratios seen in known differences; none for a counter with fewer than `LEAST_SEEN`."""
     seen: dict[tuple[int, str], list[float]] = {}
     for judged in map(list, looks):
         for one in judged:
@@ -188,7 +185,7 @@ def ratios_of(looks: Iterable[Iterable[Judged]]) -> dict[tuple[int, str], Interv
 
 
 def by_companion(judged: Judged, others: Iterable[Judged], ratios: Ratios) -> Judged:
-    """How often it rolled over, where only one number of times fits what its companion counted."""
+    """Return `judged`, or how often the counter rolled over if only one number fits its companion's count."""
     span = judged.span
     ratio = ratios.get((span.port, span.counter)) if judged.rule in OPEN else None
     beside = _beside(judged, others) if ratio is not None else None
@@ -202,7 +199,7 @@ def by_companion(judged: Judged, others: Iterable[Judged], ratios: Ratios) -> Ju
 
 
 def _beside(judged: Judged, others: Iterable[Judged]) -> Judged | None:
-    """Its companion over the same time, where that is known and counted enough."""
+    """Return its companion over the same time; None unless that is known and advanced enough."""
     name, begin = COMPANION.get(judged.span.counter), judged.span.before.look
     for one in others if name else ():
         if (one.span.counter, one.span.port, one.span.before.look) == (name, judged.span.port, begin):
@@ -215,25 +212,25 @@ def _fits(worked: Interval, counted: Interval, ratio: Interval) -> bool:
 
 
 # -- units --------------------------------------------------------------------------------------------------------------------
-# Can one unit have shown all of this, or did another come to stand there that nobody told of?
+# Whether one unit can have shown all readings of a station, or was exchanged without a record.
 #
-# Asked of all counters of a station together. Another unit can show anything, so it is thought of only where the one that stood
-# there does not explain what is read: an exchange that looks like a unit that just went on is told by no reading.
+# Another unit can show anything, so an exchange is considered only where the unit seen before does not explain the readings. No
+# reading reveals an exchange that looks like a continued count.
 
-SURELY_ITS_OWN_H: Final = 24.0  # more hours than two units agree in by chance
-ENOUGH: Final = 2  # counters of hours
+SURELY_ITS_OWN_H: Final = 24.0  # two units do not agree in more hours by chance
+ENOUGH: Final = 2  # hour counters
 
 
 class Unit(Enum):
     """Which unit was read."""
 
     SAME = "same"
-    EITHER = "either"  # the same one after a reset, or another that was hardly used
+    EITHER = "either"  # the same one after a reset, or a hardly used other one
     OTHER = "other"
 
 
 def unit_of(by_port: Mapping[int, Sequence[Span]], stated: Collection[int]) -> Unit:
-    """By the spans of each port. `stated` are ports that were reset, as people told."""
+    """Return which unit was read, by the spans of each port; `stated` are the ports with a recorded reset."""
     odd = [port for port, group in by_port.items() if not all(map(is_ordinary, group))]
     if any(not all(one.can_be_reset for one in by_port[port]) for port in odd):
         return Unit.OTHER
@@ -243,22 +240,22 @@ def unit_of(by_port: Mapping[int, Sequence[Span]], stated: Collection[int]) -> U
 
 
 def is_ordinary(span: Span) -> bool:
-    """Whether it can just have gone on, over its last number too."""
-    return span.can_go_on or bool(span.turns(span.most))
+    """Whether a continued count explains it, roll-overs included."""
+    return span.can_continue or bool(span.turns(span.most))
 
 
 def _is_its_own(group: Sequence[Span]) -> bool:
-    """Whether a port shows hours that no other unit would happen to have: a reset of another port is then one of this station."""
-    hours = [one for one in group if one.trait.is_time and one.can_go_on]
+    """Whether a port shows hours that another unit would not have by chance: then a reset of another port is this station's."""
+    hours = [one for one in group if one.trait.is_time and one.can_continue]
     return sum(one.before.shown.low >= SURELY_ITS_OWN_H and not one.can_be_reset for one in hours) >= ENOUGH
 
 
 # -- replacement --------------------------------------------------------------------------------------------------------------
-# Is it another station that answers under this name now? By what it says of itself, by its counters, or because somebody told.
+# Whether another station answers under this name now: by its identity, its counters, or a recorded replacement.
 
 
 def replaced(before: Identity | None, now: Identity | None, spans: Sequence[Span], stated: bool) -> str | None:
-    """The rule that says so; None where it is the same station."""
+    """Return the rule by which the station was replaced; None for the same station."""
     if stated:
         return "stated_replaced"
     if before is not None and now is not None:
@@ -266,7 +263,7 @@ def replaced(before: Identity | None, now: Identity | None, spans: Sequence[Span
             return "other_model"
         if _differ(before.uid, now.uid):
             return "other_uid"
-        if _differ(before.software, now.software) and not _goes_on(spans):
+        if _differ(before.software, now.software) and not _continue(spans):
             return "other_software"
     strange = [one for one in spans if one.trait.is_time and one.fell and one.is_impossible]
     return "counters_of_another" if len(strange) > 1 else None
@@ -276,10 +273,10 @@ def _differ(before: str | None, now: str | None) -> bool:
     return before is not None and now is not None and before != now
 
 
-def _goes_on(spans: Sequence[Span]) -> bool:
-    """Whether every counter went on or rolled over, some hours among them that no other station would happen to have."""
+def _continue(spans: Sequence[Span]) -> bool:
+    """Whether every counter continues or rolled over, with hours among them that no other station would have by chance."""
     hours = [one for one in spans if one.trait.is_time and one.before.shown.low >= SURELY_ITS_OWN_H]
-    return bool(hours) and all(one.can_go_on or bool(one.turns(one.usual)) for one in spans)
+    return bool(hours) and all(one.can_continue or bool(one.turns(one.usual)) for one in spans)
 
 
 # -- judging ------------------------------------------------------------------------------------------------------------------
@@ -295,8 +292,8 @@ class Reset(Enum):
 
 @dataclass(slots=True)
 class Resets:
-    """What is known of them: by port (0: all), hours from the look before to one that people stated; by port, the last look that
-    found one, and whether it is sure. `other` is the last look since whose last but one another unit may have come."""
+    """Known resets. `stated`: hours from the look before to a recorded reset, by port (0: all). `found`: the last look that found
+    a reset, and whether it is certain, by port. `other`: the last look before which the unit may have been exchanged."""
 
     stated: Mapping[int, float] = field(default_factory=dict)
     found: dict[int, tuple[int, Reset]] = field(default_factory=dict)
@@ -306,30 +303,30 @@ class Resets:
         return self.stated.get(port, self.stated.get(0))
 
     def across(self, span: Span) -> Reset:
-        """Whether a look within the span, at which this counter was not read, found one."""
+        """Return the reset that a look within the span found, at which this counter was not read."""
         look, reset = self.found.get(span.port, (-1, Reset.NO))
         return reset if look > span.before.look else Reset.NO
 
 
 def judge(spans: Sequence[Span], look: int, resets: Resets, ratios: Ratios) -> list[Judged]:
-    """All counters of a station at one look; `resets` learns what is found."""
+    """Judge all counters of a station at one look; enters the resets that it finds in `resets`."""
     untimed = [loose(one, "clock_ran_back", Interval(0.0, math.inf)) for one in spans if math.isinf(one.elapsed_h)]
     timed = [one for one in spans if not math.isinf(one.elapsed_h)]
-    judged = [_across_another(one, resets.across(one)) for one in timed if one.before.look < resets.other]
-    timed = [one for one in timed if one.before.look >= resets.other]
-    across = [one for one in timed if resets.across(one) is not Reset.NO]
-    fresh = sorted((one for one in timed if resets.across(one) is Reset.NO), key=lambda one: one.port)
+    across_exchange = [_across_another(one, resets.across(one)) for one in timed if one.before.look < resets.other]
+    of_unit = [one for one in timed if one.before.look >= resets.other]
+    across_reset = [one for one in of_unit if resets.across(one) is not Reset.NO]
+    fresh = sorted((one for one in of_unit if resets.across(one) is Reset.NO), key=lambda one: one.port)
     by_port = {port: list(group) for port, group in groupby(fresh, key=lambda one: one.port)}
-    unit = _unit(by_port, across, resets)
-    found = [_across(one, resets.across(one)) for one in across] + _at_look(by_port, look, resets, ratios)
+    unit = _unit(by_port, across_reset, resets)
+    found = [_across(one, resets.across(one)) for one in across_reset] + _at_look(by_port, look, resets, ratios)
     if unit is not Unit.SAME:
         resets.other = look
         found = [_or_other(one, unit) for one in found]
-    return untimed + judged + found
+    return untimed + across_exchange + found
 
 
 def judge_doubted(spans: Sequence[Span], look: int, resets: Resets) -> list[Judged]:
-    """All counters at a look of which it is known that another unit may have come or gone before it."""
+    """Judge all counters at a look before which the unit may have been exchanged."""
     resets.other = look
     return [_beside_another(one) for one in spans]
 
@@ -348,7 +345,8 @@ def _at_look(by_port: Mapping[int, Sequence[Span]], look: int, resets: Resets, r
 
 
 def _unit(by_port: Mapping[int, Sequence[Span]], across: Sequence[Span], resets: Resets) -> Unit:
-    """By all spans; those `across` a look that found a reset, or may have hidden one, are ordinary or end in what it left."""
+    """Return which unit was read. Spans `across` a look that found a reset, or may hide one, need not be ordinary: they may end in
+    what the reset left."""
     odd = [one for one in across if not is_ordinary(one)]
     if not all(one.can_be_reset for one in odd):
         return Unit.OTHER
@@ -361,7 +359,7 @@ INEXPLICABLE: Final = ("fell_alone", "fell_to_what_cannot_be", "faster_than_time
 
 
 def _or_other(judged: Judged, unit: Unit) -> Judged:
-    """As it is judged, or another unit's."""
+    """Widen a judgement by the chance that another unit was read."""
     span = judged.span
     worked = Interval(0.0, max(judged.delta.high, span.at_most))
     if judged.rule in OF_RESET and unit is Unit.EITHER:
@@ -372,14 +370,14 @@ def _or_other(judged: Judged, unit: Unit) -> Judged:
 
 
 def _across_another(span: Span, reset: Reset) -> Judged:
-    """A counter that was not read at the look before which another unit may have come."""
+    """Judge a counter that was not read at the look before which the unit may have been exchanged."""
     if reset is Reset.YES and span.can_be_reset:
         return loose(span, "reset_or_other_unit", Interval(0.0, span.at_most), Kind.RESET)
     return _beside_another(span)
 
 
 def _beside_another(span: Span) -> Judged:
-    """Of a span that another unit may have come in, though this counter does not tell."""
+    """Judge a counter that fits, in a span in which the unit may have been exchanged."""
     return loose(span, "beside_what_cannot_be", Interval(0.0, span.at_most))
 
 
@@ -387,7 +385,7 @@ def _beside_another(span: Span) -> Judged:
 
 
 def _verdicts(by_port: Mapping[int, Sequence[Span]], resets: Resets) -> dict[int, Reset]:
-    """By port. A reset that no counter shows is thinkable beside a port that was reset, or where the whole station allows it."""
+    """Return the reset by port. One that no counter shows is possible beside a port that was reset, or if every port allows it."""
     seen = {port: _shown(group, resets.stated_h(port)) for port, group in by_port.items()}
     can_hide = [port for port, group in by_port.items() if _can_hide(group)]
     counted = any(one.after.shown.high > 0 for group in by_port.values() for one in group)
@@ -402,7 +400,7 @@ def _can_hide(group: Sequence[Span]) -> bool:
 
 
 def _shown(group: Sequence[Span], stated_h: float | None) -> Reset:
-    """What the counters of a port that fell, and people, say of it."""
+    """Return the reset of a port by its counters that fell and by the recorded resets."""
     fallen = [one for one in group if one.fell]
     if not _can_hide(group) or not (fallen or stated_h is not None):
         return Reset.NO
@@ -424,7 +422,7 @@ def _of_port(group: Sequence[Span], reset: Reset, ratios: Ratios, stated_h: floa
 
 
 def _across(span: Span, reset: Reset) -> Judged:
-    """A counter that was not read at the look that found the reset."""
+    """Judge a counter that was not read at the look that found the reset."""
     return _was_reset(span, 0.0, None) if reset is Reset.YES and span.can_be_reset else _or_reset(counted_on(span), 0.0)
 
 
@@ -435,23 +433,22 @@ def _was_reset(span: Span, rest_h: float, stated_h: float | None) -> Judged:
 
 
 def _lost_at_most(span: Span, rest_h: float, stated_h: float | None = None) -> float:
-    """What can have been worked before the reset: in the time that is left when the hours shown since are taken away.
+    """Return the greatest possible advance before the reset: in the elapsed time less the hours shown since.
 
-    Of a counter that can have rolled over since the reset, what can have been worked in all beyond what it shows."""
+    For a counter that may have rolled over since the reset: all that was possible beyond what it shows."""
     if span.at_most >= span.modulus:
         return span.at_most - span.after.shown.low
     hours = max(0.0, span.elapsed_h * DRIFT - rest_h)
-    if stated_h is not None and span.before.look == span.after.look - 1:  # it is told from the look before on
+    if stated_h is not None and span.before.look == span.after.look - 1:  # recorded hours count from the look before
         hours = min(hours, stated_h * DRIFT)
     return hours if span.trait.is_time else hours * span.trait.fastest
 
 
 def _or_reset(judged: Judged, rest_h: float) -> Judged:
-    """As it is judged, or reset: whatever both allow."""
-    span, went_on = judged.span, judged.delta
-    from_zero = since_zero(span)
+    """Widen a judgement by the chance of a reset."""
+    span, from_zero = judged.span, since_zero(judged.span)
     high = from_zero.high + _lost_at_most(span, rest_h)
-    both = Interval(min(went_on.low, from_zero.low), max(went_on.high, high))
+    both = Interval(min(judged.delta.low, from_zero.low), max(judged.delta.high, high))
     if span.fell:
         return loose(span, "rolled_over_or_reset", both)
     return loose(span, "can_hide_reset", both, judged.kind)

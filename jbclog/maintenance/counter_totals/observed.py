@@ -13,23 +13,22 @@ from typing import Final, Literal
 import msgspec
 
 # -- traits -------------------------------------------------------------------------------------------------------------------
-# What is known of each kind of counter: how finely it counts, where it rolls over, and how fast it can plausibly go.
+# The resolution, modulus and fastest plausible rate of each kind of counter.
 #
-# Counters are five digits wide, decimal, and hexadecimal for the dispensed length (docs/reference/contradictions.md, B-35).
-# No manual prints what comes
-# after the last number; that it is zero is supposed, and said of every difference that rests on it. The fastest plausible pace
-# is this program's own supposition, too: it only decides how many roll-overs are thinkable while nobody looked.
+# Counters have five digits: decimal, hexadecimal for the dispensed length (docs/reference/contradictions.md, B-35). No manual
+# prints what follows the last number; this program assumes zero, and states it for every difference that rests on it. The fastest
+# plausible rate is an assumption, too: it only decides how many roll-overs are possible between two audits.
 
 FIVE_DIGITS: Final = 100_000.0
 HEX_DIGITS: Final = 5
-DRIFT: Final = 1.01  # by which a station's clock may differ from ours
+DRIFT: Final = 1.01  # factor by which a station's clock may differ from the host's
 LEAST_MODULUS: Final = 16.0**HEX_DIGITS / 10
 
 
 @dataclass(frozen=True, slots=True)
 class Trait:
-    """`step`: two readings that differ by d stand for d - step to d + step. `fastest`: an hour of `hours`, the counters of time
-    that it goes with, the first that there is; none of them: of time on the wall."""
+    """`step`: two readings that differ by d stand for d - step to d + step. `fastest`: the greatest plausible advance per hour of
+    the first existing counter in `hours`, or of elapsed time if `hours` is empty."""
 
     step: float
     fastest: float
@@ -52,12 +51,12 @@ TRAITS: Final = {
 
 
 def trait_of(counter: str) -> Trait:
-    """Hours unless the table knows better."""
+    """Return the trait in the table; else that of hours."""
     return TRAITS.get(counter, HOURS)
 
 
 def modulus_of(counter: str, shown: Iterable[float]) -> float:
-    """What the counter goes on from zero after; of a length that showed more than five digits, the next width that holds it."""
+    """Return the number at which the counter rolls over; for a length, at least the width of what it has shown."""
     if counter != "dispensed_mm":
         return FIVE_DIGITS
     modulus, most = LEAST_MODULUS, max(shown, default=0.0)
@@ -70,18 +69,18 @@ def modulus_of(counter: str, shown: Iterable[float]) -> float:
 
 
 class Standing(StrEnum):
-    """How far a count can be believed."""
+    """Whether reads of a counter agreed."""
 
     OK = "ok"
-    MOVING = "moving"  # two of at most three reads never agreed
+    MOVING = "moving"  # of at most three reads, no two agreed
     UNREAD = "unread"
 
 
 class Count(msgspec.Struct, frozen=True, gc=False):  # a ledger has hundreds of thousands; a dataclass takes six times as long
     """A counter of a port as it was read. Names and units are those of the table `counters`.
 
-    `value` is null unless `standing` is ``ok``; `values` are all that were read, the first of them first; `why` says, where it
-    is ``unread``, what came instead (`timeout`, `nak4`, ...).
+    `value` is null unless `standing` is ``ok``; `values` are all reads in order; `why` is the reason for ``unread`` (`timeout`,
+    `nak4`, ...).
     """
 
     port: int
@@ -95,7 +94,7 @@ class Count(msgspec.Struct, frozen=True, gc=False):  # a ledger has hundreds of 
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """What a station says that it is. No manual prints a serial number; `uid` is for what the line file or people give."""
+    """What a station reports as its identity. No manual prints a serial number; `uid` comes from the line file or from people."""
 
     family: str
     model: str | None = None
@@ -105,10 +104,10 @@ class Identity:
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """The station's error and its ports' as they were read now (null: not read), and how many events of each kind since last time.
+    """The current error of the station and of its ports (null: not read), and the number of error events since the last audit.
 
-    `events` are from the records of runs, by kind (``port.error``, ``station.error``, ...); null where no record tells. They are
-    counted up to `until`, from which on the next audit counts; null where no records were looked at.
+    `events` come from the records of runs, by kind (``port.error``, ``station.error``, ...); null without a record. They are
+    counted up to `until`, where the next audit starts; null if no records were read.
     """
 
     station: str | None = None
@@ -121,9 +120,9 @@ class Errors:
 class StationLook:
     """One look at one station, without its counters. `time`: when they were read; `audit`: when that audit began.
 
-    A station that did not answer is an observation too: `seen` is false, `why` says what came of it, and nothing else is known.
-    `source` is ``wire`` or ``run:FOLDER``. `parameters` are settings by name, of one port as ``2.sleep_delay_min``, with their
-    values as the table `settings` shows them. `tools` are the tools by port.
+    A station that did not answer is an observation too: `seen` is false, `why` has the reason, and nothing else is known.
+    `source` is ``wire`` or ``run:FOLDER``. `parameters` are settings by name, those of a port as ``2.sleep_delay_min``, with values
+    as in the table `settings`. `tools` are the tools by port.
     """
 
     time: str
@@ -152,10 +151,10 @@ class Observation(StationLook):
 
 @dataclass(frozen=True, slots=True)
 class Fact:
-    """What somebody says was done at `time`, and told the ledger at `told` (`jbclog maintenance done`).
+    """Maintenance done at `time` and recorded in the ledger at `told` (`jbclog maintenance done`).
 
-    `task` is a name from the tasks file, or one of `STATED`. `part` is the tip's or other part's
-    number; `port` null is all of them.
+    `task` is a name from the tasks file, or one of `STATED`. `part` is the number of the tip or other part; `port` null is all
+    ports.
     """
 
     time: str

@@ -13,11 +13,10 @@ import msgspec
 from jbclog.maintenance.counter_totals.observed import DRIFT, Trait
 
 # -- interval -----------------------------------------------------------------------------------------------------------------
-# A number that is known to lie between two others.
 
 
 class Interval(msgspec.Struct, frozen=True, gc=False):  # millions are made; a frozen dataclass takes several times as long
-    """From `low` to `high`, both allowed; `high` is infinite where nothing bounds it (null in JSON)."""
+    """A number from `low` to `high`, both included; an unbounded `high` is infinite (null in JSON)."""
 
     low: float
     high: float
@@ -41,7 +40,7 @@ class Interval(msgspec.Struct, frozen=True, gc=False):  # millions are made; a f
         return self.low <= number <= self.high
 
     def per(self, amount: float) -> Interval:
-        """Divided by a positive number."""
+        """Return the interval divided by a positive number."""
         return Interval(self.low / amount, self.high / amount)
 
 
@@ -49,22 +48,22 @@ NOTHING = Interval(0.0, 0.0)
 
 
 # -- elapsed ------------------------------------------------------------------------------------------------------------------
-# How long it was between two looks, as far as the host's clock can be believed.
+# The time between two looks, as far as the host's clock is right.
 #
-# Times are UTC, so summer time is no matter. Looks are in the ledger's order, which nobody can set back: where the times are not
-# in order too, the fewest looks that explain it had a wrong clock, and what is known of them is only that they were in between.
+# The ledger's order is certain; the host's clock may be set back. If the times are not in that order, the smallest set of looks
+# that explains it had a wrong clock: they happened between their neighbours, and no more is known.
 
 HOUR = 3600.0
 
 
 @lru_cache(maxsize=1 << 16)
 def seconds(time: str) -> float:
-    """Seconds since 1970 of a time of the ledger."""
+    """Convert a time of the ledger to seconds since 1970."""
     return datetime.fromisoformat(time).timestamp()
 
 
 class Elapsed:
-    """Between the looks at `times` (seconds since 1970, in the ledger's order)."""
+    """The time between looks at `times` (seconds since 1970, in the ledger's order)."""
 
     def __init__(self, times: Sequence[float]) -> None:
         self.times = times
@@ -72,11 +71,11 @@ class Elapsed:
         self._is_right = frozenset(self._right)
 
     def is_right(self, look: int) -> bool:
-        """Whether the clock of this look agrees with those of most others."""
+        """Whether the clock of this look agrees with those of most other looks."""
         return look in self._is_right
 
     def at_most_h(self, begin: int, end: int) -> float:
-        """Hours from one look to a later one, at the most; infinite where no look with a right clock came after it yet."""
+        """Return the most hours from one look to a later one; infinite until a look with a right clock follows."""
         right = self._right
         before, after = bisect_right(right, begin) - 1, bisect_left(right, end)
         if before < 0 or after == len(right):
@@ -85,7 +84,7 @@ class Elapsed:
 
 
 def _longest_in_order(times: Sequence[float]) -> list[int]:
-    """The longest series of looks whose times do not go back; of several, the one that ends earliest."""
+    """Return the longest series of looks with non-decreasing times; of several, the one that ends earliest."""
     ends: list[int] = []
     heights: list[float] = []
     behind: list[int] = []
@@ -103,25 +102,25 @@ def _longest_in_order(times: Sequence[float]) -> list[int]:
 
 # -- span ---------------------------------------------------------------------------------------------------------------------
 
-MANY = 1000  # roll-overs; beyond it nobody counts
-LEAST_HOURS = 4.0  # a pace is not told of fewer
+MANY = 1000  # roll-overs; more are not counted
+LEAST_HOURS = 4.0  # fewer give no rate
 
 
 def top_of(modulus: float, trait: Trait) -> float:
-    """The last number before it rolls over."""
+    """Return the last number before the counter rolls over."""
     return modulus - (trait.step or 1.0)
 
 
 class Reading(msgspec.Struct, frozen=True, gc=False):
-    """What a counter showed at a look (its number in the station's history): two values where it was moving."""
+    """What a counter showed at a look (its number in the station's history); a moving one showed a range."""
 
     look: int
     shown: Interval
 
 
 class Span(msgspec.Struct, frozen=True, gc=False):
-    """From `before` to `after`. `elapsed_h`: at most. `most`: what can have been worked at the fastest plausible pace; `usual`:
-    at ten times the fastest that was seen. `grown`: by how much the readings differ, two of a moving one each way."""
+    """From one reading to a later one. `elapsed_h`: at most. `most`: the advance at the fastest plausible rate; `usual`: at ten
+    times the fastest rate seen. `grown`: the difference of the readings, with both values of a moving one."""
 
     port: int
     counter: str
@@ -147,32 +146,33 @@ class Span(msgspec.Struct, frozen=True, gc=False):
         return top_of(self.modulus, self.trait)
 
     @property
-    def can_go_on(self) -> bool:
-        """Whether it can just have counted on."""
+    def can_continue(self) -> bool:
+        """Whether a continued count without a roll-over explains it."""
         return not self.fell and self.grown.low <= self.most + self.trait.step
 
     @property
     def worked(self) -> Interval:
-        """What was worked if it just counted on."""
+        """The advance if the count continued without a roll-over."""
         return Interval(max(0.0, self.grown.low - self.trait.step), max(0.0, self.grown.high) + self.trait.step)
 
     def turns(self, most: float) -> range:
-        """How often it can have rolled over if no more than `most` was worked, from once on."""
-        room = most + self.trait.step - self.grown.low
-        return range(1, 1 + min(MANY, max(0, math.floor(room / self.modulus)) if math.isfinite(room) else MANY))
+        """Return the possible numbers of roll-overs, from one up, for an advance of at most `most`."""
+        left = most + self.trait.step - self.grown.low
+        possible = max(0, math.floor(left / self.modulus)) if math.isfinite(left) else MANY
+        return range(1, 1 + min(MANY, possible))
 
     @property
     def at_most(self) -> float:
-        """What can have been worked in this time, by whichever unit stood there."""
+        """The greatest possible advance in this time, of any unit."""
         return self.elapsed_h * DRIFT * (1.0 if self.trait.is_time else self.trait.fastest)
 
     @property
     def can_be_reset(self) -> bool:
-        """Whether all that it shows can have been counted since the last reading, from zero."""
+        """Whether it can have counted from zero to what it shows since the last reading."""
         shown = self.after.shown.low
         return shown <= (self.elapsed_h * DRIFT if self.trait.is_time else self.elapsed_h * self.trait.fastest)
 
     @property
     def is_impossible(self) -> bool:
-        """Whether nothing that a counter does explains it."""
-        return not (self.can_go_on or self.turns(self.most) or self.can_be_reset)
+        """Whether neither a continued count nor a roll-over nor a reset explains it."""
+        return not (self.can_continue or self.turns(self.most) or self.can_be_reset)

@@ -1,7 +1,7 @@
 """The total use since the first audit, across resets, roll-overs and exchanged stations.
 
-What a counter shows is a whole step: 412 hours are 412.0 to 413.0. A series of readings that just went on is told by its first
-and last one, however many there were in between, so that its sum is as narrow as two readings are.
+A counter shows whole steps: 412 hours are 412.0 to 413.0. Only the first and the last reading of a continued series count, so that
+its sum is as exact as two readings.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from jbclog.maintenance.counter_totals.span import NOTHING, Interval
 
 
 class Kind(StrEnum):
-    """What a difference between two readings of a counter is."""
+    """What a difference between two readings of a counter is; the values are in the audit's files."""
 
     NORMAL = "normal"
     ZERO = "zero"
@@ -34,10 +34,10 @@ PLAIN: Final = frozenset({Kind.NORMAL, Kind.ZERO})
 
 
 class Difference(msgspec.Struct, frozen=True, gc=False):
-    """Between two readings, of what kind, and by which rule (its name, and a sentence).
+    """The difference between two readings, its kind, and the rule that decided it (name and text).
 
-    `delta` holds what was really worked in between (`high` infinite where nothing bounds it); `is_known` where it is no wider
-    than the counter's own resolution. For a `replaced` station it is what the new one did since it was first seen: nothing.
+    `delta` contains the true advance (an unbounded `high` is infinite); `is_known`: it is no wider than the counter's resolution.
+    For a `replaced` station it is zero, because the new station was seen for the first time.
     """
 
     port: int
@@ -59,9 +59,9 @@ class Difference(msgspec.Struct, frozen=True, gc=False):
 
 @dataclass(frozen=True, slots=True)
 class CounterTotal:
-    """What was worked from `since` (UTC) to the last reading: `total` holds the truth, `is_known` where it is as narrow as can be.
+    """The advance from `since` (UTC) to the last reading: `total` contains the true value; `is_known`: no difference is in doubt.
 
-    `first` is what the counter showed at `since`. `marks` are all differences that are not plainly normal or zero, oldest first.
+    `first` is what the counter showed at `since`. `marks` are all differences other than known normal and zero ones, oldest first.
     """
 
     total: Interval
@@ -72,15 +72,16 @@ class CounterTotal:
 
 
 class Join(StrEnum):
-    """How a reading hangs together with the one before it."""
+    """How a reading follows the one before it."""
 
-    ON = "on"  # the counter went on: only first and last reading of such a series matter
-    FROM_ZERO = "from zero"  # it was reset in between: what it shows is what was worked since, and more may be lost
+    ON = "on"  # the count continued: only the first and the last reading of such a series matter
+    FROM_ZERO = "from zero"  # reset in between: it shows the advance since the reset, and more may be lost
     LOOSE = "loose"  # only bounds are known
 
 
 class Point(msgspec.Struct, frozen=True, gc=False):
-    """A reading with what led to it. `shown` counts on over roll-overs; `lost` is what a reset took, or all that is known."""
+    """A reading and how it follows the one before. `shown` includes roll-overs; `lost`: the advance lost by a reset; for a loose
+    join the whole advance."""
 
     look: int
     time: str
@@ -91,9 +92,9 @@ class Point(msgspec.Struct, frozen=True, gc=False):
 
 @dataclass(slots=True)
 class Trace:
-    """A counter of one station from its first reading on: its points, and the difference that leads to each but the first.
+    """A counter of one station from its first reading: its points, and the difference that leads to each but the first.
 
-    `aside` are differences that are no part of the sum: to readings that belong to nothing, from the station that was there before.
+    `aside` are differences outside the sum: to ignored readings, and from the station that was replaced.
     """
 
     port: int
@@ -113,7 +114,7 @@ class Trace:
         return "h" if self.is_time else "mm" if self.counter.endswith("_mm") else "count"
 
     def between(self, begin: int, end: int) -> Interval:
-        """What was worked from one point to a later one, both by their places."""
+        """Return the advance from one point to a later one, both by index."""
         total, start, from_zero = NOTHING, begin, False
         for place in range(begin + 1, end + 1):
             point = self.points[place]
@@ -124,7 +125,7 @@ class Trace:
         return total + self._series(start, end, from_zero)
 
     def _series(self, start: int, end: int, from_zero: bool) -> Interval:
-        """A series that went on. Behind a reset its beginning is zero, not within a step of what was shown first."""
+        """Return the advance of a continued series. After a reset it starts at exactly zero, not within a step of a reading."""
         if start == end and not from_zero:
             return NOTHING
         first, last = self.points[start].shown, self.points[end].shown
@@ -137,7 +138,7 @@ class Trace:
         return all(one.is_known for one in self.differences[begin:end])
 
     @property
-    def odometer(self) -> CounterTotal:
+    def counter_total(self) -> CounterTotal:
         last = len(self.points) - 1
         marks = [one for one in self.differences if one.kind not in PLAIN or not one.is_known]
         return CounterTotal(
@@ -150,9 +151,9 @@ class Trace:
 
 
 def per_day(trace: Trace, times: Sequence[float], days: float = 28.0) -> Interval | None:
-    """The pace over about the last `days`, from the latest point that is at least that long ago, or from the first; else None.
+    """Return the rate from the latest point at least `days` old, or from the first; None for less than a day.
 
-    `times` are those of the points, in seconds since 1970, NaN where the clock was wrong.
+    `times` are those of the points in seconds since 1970, NaN for a wrong clock.
     """
     last = len(times) - 1
     right = [place for place, time in enumerate(times) if not math.isnan(time)]

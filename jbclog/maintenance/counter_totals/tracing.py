@@ -1,7 +1,6 @@
 """Trace every counter through a station's history.
 
-Where roll-overs are in doubt it is gone through twice: how fast the counters go, and in what ratio, is learned from all that is
-known at first sight.
+A history with doubtful roll-overs is traced twice: the first pass learns the counters' rates and ratios from known differences.
 """
 
 from __future__ import annotations
@@ -45,17 +44,17 @@ from jbclog.maintenance.counter_totals.span import LEAST_HOURS, NOTHING, Elapsed
 from jbclog.maintenance.counter_totals.totals import Difference, Join, Kind, Point, Trace
 
 # -- history ------------------------------------------------------------------------------------------------------------------
-# What the ledger has of one station: the looks that saw it and the facts, in order, and from them a trace for every counter.
+# The entries of one station in the ledger, in order: its looks and its facts.
 
 Key = tuple[int, str]
 """A counter of a station: port and name."""
 
-MOVES_AT_MOST = 1000.0  # two readings of one look that differ by more are not of a counter that moves
+MOVES_AT_MOST = 1000.0  # reads of one look that differ by more are not those of a moving counter
 
 
 @dataclass
 class History:
-    """One station of one line. `looks` are the observations that saw it, `all` the others too."""
+    """One station of one line. `looks` are the observations that it answered, `all` includes the others."""
 
     line: str
     station: str
@@ -68,7 +67,7 @@ class History:
 
     @cached_property
     def times(self) -> list[float]:
-        """Of the looks, in seconds since 1970, as the host believed."""
+        """Times of the looks in seconds since 1970, by the host's clock."""
         return [seconds(one.time) for one in self.looks]
 
     @cached_property
@@ -77,7 +76,7 @@ class History:
 
     @cached_property
     def readings(self) -> dict[Key, list[Reading]]:
-        """Every counter's, oldest first, without what was not read."""
+        """The readings of every counter, oldest first."""
         found: dict[Key, list[Reading]] = {}
         for look, seen in enumerate(self.looks):
             for count in seen.counts:
@@ -86,8 +85,8 @@ class History:
                     found.setdefault((count.port, count.counter), []).append(Reading(look, shown))
         return found
 
-    def told(self, task: str, begin: int, end: int) -> Iterator[Fact]:
-        """Facts of a task of `STATED` whose time is between two looks."""
+    def stated(self, task: str, begin: int, end: int) -> Iterator[Fact]:
+        """Yield the facts of a task of `STATED` whose time is between two looks."""
         for fact in self.facts:
             if fact.task == task and self.times[begin] < seconds(fact.time) <= self.times[end]:
                 yield fact
@@ -103,7 +102,7 @@ def _shown(count: Count) -> Interval | None:
 
 
 def histories(entries: Iterable[Entry]) -> dict[tuple[str, str], History]:
-    """By line and station, as they first appear."""
+    """Return the histories by line and station, in the order of their first entries."""
     found: dict[tuple[str, str], History] = {}
     for entry in entries:
         history = found.setdefault((entry.line, entry.station), History(entry.line, entry.station))
@@ -115,10 +114,10 @@ def histories(entries: Iterable[Entry]) -> dict[tuple[str, str], History]:
 
 
 # -- fast path ----------------------------------------------------------------------------------------------------------------
-# Looks at which nothing happened: every counter plainly went on, and every port shows that it was not reset. Most looks are such.
+# Looks without an event: every counter continues, and every port rules out a reset. Most looks are such.
 #
-# The same questions as `judging.py` and `span.py` ask of one difference after the other, asked of a whole look at once and in plain
-# numbers; whatever is not answered here is left to them. A long ledger has half a million differences.
+# A long ledger has half a million differences. The fast path applies the rules of `judging.py` and `span.py` to a whole look at
+# once, in plain numbers, and leaves every other look to them.
 
 LAST_HOUR = top_of(FIVE_DIGITS, HOURS)
 Readings = Mapping[Key, Reading]
@@ -126,7 +125,7 @@ Readings = Mapping[Key, Reading]
 
 @dataclass(slots=True)
 class Counter:
-    """What is known of a counter for good. `pace`: the fastest it can be thought to go, an hour of `hours`, where that was seen."""
+    """The constants of a counter. `pace`: the greatest usual advance per hour of `hours`; None if too little was seen."""
 
     key: Key
     trait: Trait
@@ -145,14 +144,14 @@ class Counter:
 
 
 def is_plain(look: int, last: Readings, now: Readings, counters: Mapping[Key, Counter], elapsed_h: float) -> bool:
-    """Whether all that was read at a look went on from the look before it, `elapsed_h` (finite) earlier at most."""
+    """Whether every counter read at a look continues from the look before, at most `elapsed_h` (finite) earlier."""
     ports, sure = set(), set()
     for key, after in now.items():
         before, counter = last.get(key), counters[key]
         if before is None or before.look != look - 1:
             return False
         lasted = elapsed_h * DRIFT if counter.is_time else lasted_h(counter.hours, last, now, before.look, elapsed_h)
-        if not _went_on(counter, before.shown, after.shown, lasted):
+        if not _continues(counter, before.shown, after.shown, lasted):
             return False
         ports.add(key[0])
         if after.shown.low > elapsed_h * (DRIFT if counter.is_time else counter.fastest):
@@ -161,9 +160,9 @@ def is_plain(look: int, last: Readings, now: Readings, counters: Mapping[Key, Co
 
 
 def lasted_h(hours: Sequence[Key], last: Readings, now: Readings, look: int, elapsed_h: float) -> float:
-    """How long a counter of events can have counted: by the counter of time that it goes with, or by what went by.
+    """Return how long a counter of events can have counted: by its first hour counter, or by the elapsed time.
 
-    One that shows its last number may stand still, and tells nothing."""
+    An hour counter at its last number may have stopped, and is not used."""
     for key in hours:
         before, after = last.get(key), now.get(key)
         if before and after and before.look == look and before.shown.low <= after.shown.high < LAST_HOUR:
@@ -171,8 +170,8 @@ def lasted_h(hours: Sequence[Key], last: Readings, now: Readings, look: int, ela
     return elapsed_h * DRIFT
 
 
-def _went_on(counter: Counter, before: Interval, after: Interval, lasted: float) -> bool:
-    """Whether it cannot have rolled over, and not faster than can be: `counted_on`, of the commonest case."""
+def _continues(counter: Counter, before: Interval, after: Interval, lasted: float) -> bool:
+    """Whether it advanced at a plausible rate and cannot have rolled over: the common case of `counted_on`."""
     if after.high >= counter.top or after.high < before.low:
         return False
     grown, most = after.low - before.high, lasted if counter.is_time else lasted * counter.fastest
@@ -183,7 +182,7 @@ def _went_on(counter: Counter, before: Interval, after: Interval, lasted: float)
 
 
 def difference(counter: Counter, before: Reading, after: Reading, begin: str, end: str) -> Difference:
-    """What is told of it."""
+    """Return the difference of a counter that continues."""
     low, high = after.shown.low - before.shown.high, after.shown.high - before.shown.low
     is_unchanged = low <= 0 <= high
     rule = "unchanged" if is_unchanged else "went_on"
@@ -194,14 +193,14 @@ def difference(counter: Counter, before: Reading, after: Reading, begin: str, en
 
 # -- tracing ------------------------------------------------------------------------------------------------------------------
 
-MARGIN = 10.0  # by which a counter may go faster than it ever was seen to: other work may take that much more
-LEAST_SEEN = 6  # fewer are those of quiet weeks, in which no roll-over was to be doubted
+MARGIN = 10.0  # factor by which other work may advance a counter faster than ever seen
+LEAST_SEEN = 6  # fewer may all be from quiet weeks
 UNSURE = frozenset({*OPEN, "rolled_over_or_reset"})
 
 
 @dataclass
 class Traces:
-    """The counters of the station that is there now; `earlier` those of stations that were replaced."""
+    """The counters of the current station (`now`) and of the stations that it replaced (`earlier`)."""
 
     history: History
     now: dict[Key, Trace] = field(default_factory=dict)
@@ -209,28 +208,28 @@ class Traces:
 
 
 def traces_of(history: History) -> Traces:
-    """Every counter's trace."""
+    """Return the trace of every counter."""
     first = _Pass(history, {}, {})
-    first.go()
-    unsure = any(one.rule in UNSURE for judged in first.judged for one in judged)
-    if not unsure and not first.late:
+    first.run()
+    is_unsure = any(one.rule in UNSURE for judged in first.judged for one in judged)
+    if not is_unsure and not first.late:
         return first.traces
     judged = [*first.judged, *first.plain()]
-    paces, ratios = (_paces(judged), ratios_of(judged)) if unsure else ({}, {})
+    paces, ratios = (_paces(judged), ratios_of(judged)) if is_unsure else ({}, {})
     second = _Pass(history, paces, ratios, first.late)
-    second.go()
+    second.run()
     return second.traces
 
 
-def _strangers(left_out: Iterable[Collection[int]]) -> Iterator[int]:
-    """Looks at which several counters belong to nothing, so that for once another unit answered; and those after them."""
+def _doubted_looks(left_out: Iterable[Collection[int]]) -> Iterator[int]:
+    """Yield the looks that another unit answered once, because several counters are ignored, and the looks after them."""
     for look, counters in Counted(look for looks in left_out for look in looks).items():
         if counters > 1:
             yield from (look, look + 1)
 
 
 def _paces(looks: Sequence[Sequence[Judged]]) -> dict[Key, float]:
-    """The fastest that each counter was seen to go, in an hour of what it goes with, with a margin."""
+    """Return the greatest advance of each counter per hour of its hour counter, with a margin."""
     seen: dict[Key, list[float]] = {}
     for one in (one for judged in looks for one in judged):
         hours = one.span.most / one.span.trait.fastest
@@ -240,8 +239,8 @@ def _paces(looks: Sequence[Sequence[Judged]]) -> dict[Key, float]:
 
 
 class _Pass:
-    """One way through a history. `paces` and `ratios` are what is known of the counters before; `doubted` the looks before which
-    another unit may have come, as later ones showed. `late` are those that this way finds."""
+    """One pass through a history, with the `paces` and `ratios` of an earlier pass. `doubted`: looks before which the unit may have
+    been exchanged, as later looks showed; `late`: those that this pass finds."""
 
     def __init__(self, history: History, paces: Mapping[Key, float], ratios: Ratios, doubted: Collection[int] = ()) -> None:
         self.history, self.paces, self.ratios = history, paces, ratios
@@ -249,7 +248,7 @@ class _Pass:
         self.judged: list[list[Judged]] = []
         self._counters = {key: self._counter(key, found) for key, found in history.readings.items()}
         self._left_out = {key: misread(found, self._maker(key)) for key, found in history.readings.items()}
-        self._doubted = {*doubted, *_strangers(self._left_out.values())}
+        self._doubted = {*doubted, *_doubted_looks(self._left_out.values())}
         self.late: set[int] = set()
         self._odd = self._doubted.union(*self._left_out.values())
         self._by_look: list[dict[Key, Reading]] = [{} for _ in history.looks]
@@ -262,18 +261,18 @@ class _Pass:
     def _counter(self, key: Key, found: Sequence[Reading]) -> Counter:
         return Counter(key, trait_of(key[1]), modulus_of(key[1], (one.shown.high for one in found)), self.paces.get(key))
 
-    def go(self) -> None:
-        """All looks."""
+    def run(self) -> None:
+        """Trace all looks."""
         for key, found in self.history.readings.items():
             for reading in found:
                 self._by_look[reading.look][key] = reading
         for look, readings in enumerate(self._by_look):
             if self._is_plain(look, readings):
-                self._go_on(look, readings)
+                self._add_plain(look, readings)
             else:
-                self._look(look, readings)
+                self._add_judged(look, readings)
 
-    # -- where nothing happened -----------------------------------------------------------------------------------------------
+    # -- looks without an event -----------------------------------------------------------------------------------------------
 
     def _is_plain(self, look: int, readings: Mapping[Key, Reading]) -> bool:
         if not look or look in self._odd or self._replaced(look, ()) is not None:
@@ -281,7 +280,7 @@ class _Pass:
         elapsed_h = self.history.elapsed.at_most_h(look - 1, look)
         return math.isfinite(elapsed_h) and is_plain(look, self._last, readings, self._counters, elapsed_h)
 
-    def _go_on(self, look: int, readings: Mapping[Key, Reading]) -> None:
+    def _add_plain(self, look: int, readings: Mapping[Key, Reading]) -> None:
         begin, end = self.history.looks[look - 1].time, self.history.looks[look].time
         for key, one in readings.items():
             trace, by = self.traces.now[key], self._turns.get(key, 0.0)
@@ -292,20 +291,20 @@ class _Pass:
         self._plain.append(look)
 
     def plain(self) -> Iterator[list[Judged]]:
-        """What these looks tell of counters of events, judged."""
+        """Yield the judgements of event counters at these looks."""
         for look in self._plain:
             before, now = self._by_look[look - 1], self._by_look[look]
             events = (key for key in now if not self._counters[key].is_time)
             yield [counted_on(self._span_of(key, before, now)) for key in events]
 
-    # -- where anything did ---------------------------------------------------------------------------------------------------
+    # -- other looks ----------------------------------------------------------------------------------------------------------
 
-    def _look(self, look: int, readings: Mapping[Key, Reading]) -> None:
+    def _add_judged(self, look: int, readings: Mapping[Key, Reading]) -> None:
         fitting = {key: one for key, one in readings.items() if look not in self._left_out[key]}
         spans = [self._span_of(key, self._last, fitting) for key in fitting if key in self._last]
         rule = self._replaced(look, spans) if look else None
         if rule is not None:
-            self._begin_again()
+            self._start_new_station()
         else:
             judged = self._judged(spans, look)
             self.judged.append(judged)
@@ -320,30 +319,29 @@ class _Pass:
         self._resets.stated = self._stated(look)
         judged = judge(spans, look, self._resets, self.ratios)
         if self._resets.other == look:
-            since = max(
-                (one.before.look for one in spans if math.isfinite(one.elapsed_h) and not is_ordinary(one)), default=look - 1
-            )
+            odd = (one.before.look for one in spans if math.isfinite(one.elapsed_h) and not is_ordinary(one))
+            since = max(odd, default=look - 1)
             if since < look - 1:
                 self.late.update(range(since + 1, look + 1))
         return judged
 
     def _replaced(self, look: int, spans: Sequence[Span]) -> str | None:
         before, now = self.history.looks[look - 1], self.history.looks[look]
-        stated = any(self.history.told(REPLACED, look - 1, look))
+        stated = any(self.history.stated(REPLACED, look - 1, look))
         return replaced(before.identity, now.identity, spans, stated)
 
-    def _begin_again(self) -> None:
+    def _start_new_station(self) -> None:
         self.traces.earlier += self.traces.now.values()
         self._of_other, self._last = self._last, {}
         self.traces.now, self._turns, self._resets = {}, {}, Resets()
 
     def _stated(self, look: int) -> dict[int, float]:
-        """Hours from the look before to the last reset that somebody told, by port."""
+        """Return the hours from the look before to the last recorded reset, by port."""
         if not look:
             return {}
         begin = self.history.times[look - 1]
         stated: dict[int, float] = {}
-        for fact in self.history.told(RESET, look - 1, look):  # of several the last: what was worked up to it is lost
+        for fact in self.history.stated(RESET, look - 1, look):  # the last of several: everything before it is lost
             port = fact.port or 0
             stated[port] = max(stated.get(port, 0.0), (seconds(fact.time) - begin) / 3600)
         return stated
@@ -354,13 +352,13 @@ class _Pass:
         return lambda before, after: self._span(key, before, after)
 
     def _span_of(self, key: Key, last: Mapping[Key, Reading], now: Mapping[Key, Reading]) -> Span:
-        """With what counters of time tell of it."""
+        """Return the span of a counter, with the time bounded by its hour counters."""
         look, elapsed_h = last[key].look, self.history.elapsed.at_most_h(last[key].look, now[key].look)
         lasted = lasted_h(self._counters[key].hours, self._believed(look), now, look, elapsed_h)
         return self._span(key, last[key], now[key], lasted)
 
     def _believed(self, look: int) -> Mapping[Key, Reading]:
-        """What was read at a look, without what is left out."""
+        """Return the readings of a look without the ignored ones."""
         readings = self._by_look[look]
         return {key: one for key, one in readings.items() if look not in self._left_out[key]} if look in self._odd else readings
 
@@ -372,7 +370,7 @@ class _Pass:
         grown = Interval(after.shown.low - before.shown.high, after.shown.high - before.shown.low)
         return Span(*key, counter.trait, counter.modulus, before, after, elapsed, most, usual, grown)
 
-    # -- what comes of it ---------------------------------------------------------------------------------------------------
+    # -- traces -------------------------------------------------------------------------------------------------------------
 
     def _keep(self, one: Judged) -> None:
         key, span = (one.span.port, one.span.counter), one.span
@@ -388,7 +386,7 @@ class _Pass:
         self._last[key] = span.after
 
     def _note(self, key: Key, reading: Reading, rule: str | None) -> None:
-        """The first reading of a counter; or one that is left out."""
+        """Add the first reading of a counter, or an ignored one."""
         time = self.history.looks[reading.look].time
         if reading.look in self._left_out[key]:
             self._leave_out(key, reading)

@@ -152,7 +152,7 @@ def marks(audit: FleetAudit) -> list[CounterChange]:
     found: dict[tuple[str, int, str, str, str, str, str, bool], list[tuple[str, Difference]]] = {}
     for station in audit.stations:
         for meter in station.meters:
-            for one in filter(_is_shown, meter.odometer.marks):
+            for one in filter(_is_shown, meter.counter_total.marks):
                 kind = one.kind.value.replace("_", "-")
                 mark = (station.station, one.port, one.begin, one.end, kind, one.text, one.rule.replace("_", " "), one.is_doubtful)
                 found.setdefault(mark, []).append(("" if meter.unit == "count" else meter.unit, one))
@@ -166,7 +166,7 @@ def _is_shown(one: Difference) -> bool:
 
 def turns(audit: FleetAudit) -> list[tuple[StationAudit, Meter, int]]:
     """Return counters that certainly rolled over, with how often."""
-    every = [(station, meter, [one for one in meter.odometer.marks if not _is_shown(one)]) for station, meter in meters(audit)]
+    every = [(station, meter, [one for one in meter.counter_total.marks if not _is_shown(one)]) for station, meter in meters(audit)]
     return [(station, meter, len(over)) for station, meter, over in every if over]
 
 
@@ -174,7 +174,7 @@ def meters(audit: FleetAudit) -> Iterator[tuple[StationAudit, Meter]]:
     """Yield each counter that ever counted."""
     for station in audit.stations:
         for meter in station.meters:
-            if meter.odometer.first or meter.odometer.total.high > 1 or meter.read is None or meter.read.value is None:
+            if meter.counter_total.first or meter.counter_total.total.high > 1 or meter.read is None or meter.read.value is None:
                 yield station, meter
 
 

@@ -162,7 +162,7 @@ def _load() -> None:
     import jbclog.cli.app
     import jbclog.guard.open_leases
     import jbclog.maintenance.fleet
-    import jbclog.maintenance.verification
+    import jbclog.maintenance.suspect_runs
     import jbclog.record.check
     import jbclog.record.recover
     import jbclog.report.write  # noqa: F401

@@ -88,7 +88,7 @@ def _differences(score: OdometerScore, station: SimStation, trace: Trace) -> Non
 
 
 def _sum(score: OdometerScore, station: SimStation, trace: Trace) -> None:
-    odometer, last = trace.odometer, len(trace.points) - 1
+    odometer, last = trace.counter_total, len(trace.points) - 1
     is_in = odometer.total.low - NEAR <= _truth(station, trace, 0, last) <= odometer.total.high + NEAR
     score.sums["known" if odometer.is_known else "flagged"] += 1
     moved = sum(trace.points[place].shown.width for place in (0, last))

@@ -13,8 +13,7 @@ from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.counter_totals.totals import Difference, Kind, Trace
 from jbclog.maintenance.due import Due, State, TaskState
 from jbclog.maintenance.fleet import BEFORE, FLEET, Drift, FleetAudit, Meter, StationAudit
-from jbclog.maintenance.use import Past, use_of
-from jbclog.maintenance.weeks import weeks_of
+from jbclog.maintenance.use import Past, use_of, weeks_of
 from support.fleets.counters import NOW, ago, between, went
 
 LIVES = (
@@ -65,7 +64,7 @@ def station(
         tasks if tasks is not None else tuple(task(at, chance.uniform(5, 78), pace=chance.uniform(0.1, 0.9)) for at in range(6))
     )
     meters = tuple(
-        Meter(port, counter, UNITS.get(counter[-3:], "h"), _read(one.differences[-1]), one.odometer, one.differences[-1], None)
+        Meter(port, counter, UNITS.get(counter[-3:], "h"), _read(one.differences[-1]), one.counter_total, one.differences[-1], None)
         for (port, counter), one in past.traces.items()
     )
     url, model = f"/dev/serial/by-id/usb-{name}", ("ALE", "DDE", "DME")[seed % 3]
@@ -205,7 +204,7 @@ def trouble() -> FleetAudit:
 
 def _marked(one: StationAudit, mark: Difference) -> StationAudit:
     meters = tuple(
-        replace(meter, last=mark, odometer=replace(meter.odometer, marks=(mark,), is_known=mark.is_known))
+        replace(meter, last=mark, counter_total=replace(meter.counter_total, marks=(mark,), is_known=mark.is_known))
         if meter.counter == mark.counter
         else meter
         for meter in one.meters

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from jbclog.maintenance.counter_totals.observed import Errors, Fact, Identity, Observation
-from jbclog.maintenance.verification.verification import Verification
+from jbclog.maintenance.verification import Verification
 from jbclog.record.annotations import Annotation
 from jbclog.report.audit.files import COLUMNS
 from support.pages.manifest import json_type, types_of

@@ -84,7 +84,7 @@ def test_a_tip_that_is_still_heating_is_refused(make: Make) -> None:
     made = make(station_text("dde-1", "dde", "", "tools = { 1 = 2 }"))
     made.do("write", "dde-1", "status", "working", "--port", "1")
     ended = verified(made, "350")
-    assert (ended.code, "does not stand still" in ended.err) == (3, True)
+    assert (ended.code, "is not stable" in ended.err) == (3, True)
 
 
 def test_a_port_without_a_tool_and_one_that_is_not_there_are_refused(make: Make) -> None:
@@ -182,7 +182,7 @@ def test_under_a_mistyped_name_nothing_is_cleared(tmp_path: Path) -> None:
     ended = CliRunner().invoke(app, ["where-used", str(tmp_path), "--station", "dde1"])
     assert ended.exit_code == 2
     assert "dde1: no run in" in ended.stderr
-    assert "there are dde-1" in ended.stderr
+    assert "known stations: dde-1" in ended.stderr
 
 
 def test_another_tips_pass_does_not_clear_the_bad_one(tmp_path: Path) -> None:

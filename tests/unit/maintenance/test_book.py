@@ -10,7 +10,7 @@ import pytest
 
 from jbclog.core.errors import RecordError
 from jbclog.maintenance.counter_totals.observed import Count, Errors, Fact, Identity, Observation, Standing
-from jbclog.maintenance.ledger import AuditGoesOn, add, auditing, read_book, read_line, written
+from jbclog.maintenance.ledger import AuditInProgress, add, auditing, read_book, read_line, written
 
 COUNTS = (
     Count(1, "work_h", "h", 412.0),
@@ -114,7 +114,7 @@ def test_a_long_ledger_is_added_to_by_its_end(path: Path, monkeypatch: pytest.Mo
 
 
 def test_two_audits_do_not_go_on_at_once(path: Path) -> None:
-    with auditing(path), pytest.raises(AuditGoesOn, match="another audit"), auditing(path):
+    with auditing(path), pytest.raises(AuditInProgress, match="another audit"), auditing(path):
         pass
     with auditing(path):  # and what ended leaves nothing behind
         pass

@@ -43,7 +43,7 @@ def test_a_row_has_what_follows_from_the_ledger(ledger: Path) -> None:
     assert (audit.line, audit.wrong, audit.is_whole, len(audit.facts)) == ("line", (), True, 1)
     assert (one.station, one.audits, one.last_seen, one.notes, one.doubts) == ("dde-1", 4, LOOKS[-1].time, (), ())
     meters = {meter.counter: meter for meter in one.meters}
-    assert meters["work_h"].odometer.total == Interval(59, 61)
+    assert meters["work_h"].counter_total.total == Interval(59, 61)
     assert meters["work_h"].per_day == Interval(59 / 21, 61 / 21)
     tip, check = one.tasks
     assert (tip.used, tip.part, tip.state, check.state) == (Interval(39, 41), "T-7", State.FINE, State.UNKNOWN)
@@ -69,7 +69,7 @@ def test_a_reset_is_told_and_a_counter_that_was_never_read_too(ledger: Path) -> 
     assert "port 1, work_h: 3060, now 20: reset." in one.notes[1]
     unread = one.meters[2]
     assert unread.read is not None
-    assert (unread.read.standing, unread.odometer.is_known, unread.last) == (Standing.UNREAD, False, None)
+    assert (unread.read.standing, unread.counter_total.is_known, unread.last) == (Standing.UNREAD, False, None)
     assert one.doubts == ()
 
 
@@ -80,7 +80,7 @@ def test_what_is_in_doubt_is_a_doubt_of_this_audit_only(ledger: Path) -> None:
     after = seen(5 * WEEK, {"plugged_h": 5200, "work_h": 3100})
     later = row(ledger, [after], after)
     assert later.doubts == ()
-    assert {meter.counter: meter.odometer.total for meter in later.meters} == {
+    assert {meter.counter: meter.counter_total.total for meter in later.meters} == {
         "plugged_h": Interval(199, 201),
         "work_h": Interval(99, 101),
     }
@@ -91,7 +91,7 @@ def test_stations_of_one_name_on_two_lines_are_two(ledger: Path) -> None:
     add(ledger, [*LOOKS, *others])
     audit = fleet_of(read_book(ledger), [LOOKS[-1], others[-1]], LOOKS[-1].time)
     assert audit.line == "line, other"
-    assert [one.meters[1].odometer.total for one in audit.stations] == [Interval(59, 61), Interval(0, 1)]
+    assert [one.meters[1].counter_total.total for one in audit.stations] == [Interval(59, 61), Interval(0, 1)]
 
 
 def test_what_could_not_be_written_counts_all_the_same(ledger: Path) -> None:
@@ -105,4 +105,4 @@ def test_a_damaged_ledger_is_told_and_its_other_lines_count(ledger: Path) -> Non
     ledger.write_bytes(ledger.read_bytes().replace(b'"work_h": 3020', b'"work_h": 9020'))
     audit = fleet_of(read_book(ledger), [LOOKS[-1]], at(0))
     assert audit.wrong
-    assert audit.stations[0].meters[1].odometer.total == Interval(59, 61)
+    assert audit.stations[0].meters[1].counter_total.total == Interval(59, 61)

@@ -54,7 +54,7 @@ def test_who_is_logged_in_did_it_now_where_nobody_says_else(ledger: Path, monkey
     [
         (("done", "-s", "dde-2", *DONE), "has no station of that name; did you mean dde-1?"),
         (("done", "-s", "qqqq", *DONE), "has no station of that name; there are ale-1, dde-1"),
-        (("done", "-s", "ale-1", *DONE), "several lines have one of that name; give bench-3/ale-1 or hall/ale-1"),
+        (("done", "-s", "ale-1", *DONE), "several lines have a station of that name; give bench-3/ale-1 or hall/ale-1"),
         (("done", "-s", "dde-1", "--task", "tip-chnge"), "did you mean tip-change, cartridge-change?; a tasks file"),
         (("done", "-s", "dde-1"), "give `done` with --station and --task, or `list`"),
         (("done", "-s", "dde-1", "--task", "service", "--port", "4"), "--port 4: dde-1 has no such port; its ports are 1, 2"),
@@ -83,7 +83,7 @@ def test_a_ledger_that_is_not_there_knows_no_station_but_those_of_a_line_file(tm
     ledger, line = tmp_path / "new.jsonl", tmp_path / "line.toml"
     line.write_text('[line]\nname = "bench-3"\n[[station]]\nname = "dde-1"\nurl = "/dev/x"\nfamily = "dde"\n', encoding="utf-8")
     refused = call("done", "-s", "dde-1", *DONE, "--ledger", ledger)
-    assert (refused.exit_code, "knows no station yet" in refused.stderr, ledger.exists()) == (2, True, False)
+    assert (refused.exit_code, "has no station yet" in refused.stderr, ledger.exists()) == (2, True, False)
     assert call("done", "-s", "dde-1", *DONE, "--ledger", ledger, "--line", line).exit_code == 0
     assert [(fact.line, fact.station) for fact in read_book(ledger).facts] == [("bench-3", "dde-1")]
 

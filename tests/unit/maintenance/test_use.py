@@ -11,8 +11,7 @@ from jbclog.maintenance.counter_totals.observed import Observation
 from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.counter_totals.totals import Join, Trace
 from jbclog.maintenance.fleet import UseFigure
-from jbclog.maintenance.use import NO_JOINTS, Past, poisson_bounds, use_of, whole, within
-from jbclog.maintenance.weeks import weeks_of
+from jbclog.maintenance.use import NO_JOINTS, Past, poisson_bounds, use_of, weeks_of, whole, within
 from support.fleets.counters import ago, look, then, went
 
 WEEKLY = [7.0 * week for week in range(60, -1, -1)]
@@ -67,7 +66,7 @@ def test_shares_are_never_more_than_all() -> None:
     found = figures(went("plugged_h", [(30, 0), (0, 10)]), went("work_h", [(30, 0), (0, 10)]))
     assert found["use_percent"].range == Interval(pytest.approx(100 * 9 / 11), 100)
     off = figures(went("plugged_h", [(30, 5), (0, 5)]), went("work_h", [(30, 5), (0, 5)]))
-    assert off["use_percent"].why == "not plugged in long enough to tell"
+    assert off["use_percent"].why == "not plugged in long enough"
 
 
 def test_hours_that_were_lost_to_a_reset_have_a_range_or_no_middle_at_all() -> None:
@@ -77,7 +76,7 @@ def test_hours_that_were_lost_to_a_reset_have_a_range_or_no_middle_at_all() -> N
     assert figures(lost)["work_h_last"].range == Interval(0, 720)  # no more than went by
     feeds = then(went("dispensed_cycles", [(30, 500)]), 0, 3, Join.LOOSE, Interval(0, inf))
     found = figures(feeds)["joints_a_day"]
-    assert (found.value, found.range, found.why) == (None, Interval(0, inf), "nothing bounds it from above")
+    assert (found.value, found.range, found.why) == (None, Interval(0, inf), "no upper bound is known")
 
 
 def test_a_reading_with_a_wrong_clock_is_read_over() -> None:
@@ -149,7 +148,7 @@ def test_wire_a_joint_and_what_it_was_before() -> None:
     found = figures(wire, feeds)
     assert (found["mm_a_joint"].value, found["mm_a_joint_before"].value) == (6, 5)
     assert found["mm_a_joint"].n == 2
-    assert figures(steady("work_h", 5.0))["mm_a_joint"].why == "this station feeds no wire"
+    assert figures(steady("work_h", 5.0))["mm_a_joint"].why == "this station feeds no solder wire"
     short = figures(went("dispensed_mm", [(9, 0), (0, 60)]), went("dispensed_cycles", [(9, 0), (0, 10)]))
     assert (short["mm_a_joint"].value, short["mm_a_joint_before"].value) == (6, None)
 

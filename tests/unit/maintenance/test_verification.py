@@ -60,7 +60,7 @@ def test_the_setting_counts_as_well_as_the_stations_own_reading() -> None:
     assert verify(given(338.0), far, NOW).result == "pass"
     one = verify(given(334.0), far, NOW)  # 6 from the station, 16 from the setting
     assert one.result == "fail"
-    assert "-6.0 °C from the station's own reading and -16.0 °C from the setting" in one.text
+    assert "-6.0 °C from the station's own reading and -16.0 °C from the setpoint" in one.text
 
 
 def test_an_instrument_past_its_due_date_proves_nothing() -> None:
@@ -84,8 +84,8 @@ def test_uncertainty_is_of_steps_spread_and_the_instrument() -> None:
     assert one.uncertainty_c == pytest.approx(2 / 12**0.5, abs=0.01)  # whole degrees, no spread
     assert verify(given(instrument_u_c=3.0), OWN, NOW).uncertainty_c == pytest.approx((4 / 12 + 9) ** 0.5, abs=0.01)
     near = verify(given(364.5, instrument_u_c=3.0), OWN, NOW)
-    assert (near.result, "nearer to the limit than it is known" in near.text) == ("pass", True)
-    assert "nearer" not in verify(given(355.0, instrument_u_c=3.0), OWN, NOW).text
+    assert (near.result, "difference to the limit is within the uncertainty" in near.text) == ("pass", True)
+    assert "uncertainty" not in verify(given(355.0, instrument_u_c=3.0), OWN, NOW).text
 
 
 @pytest.mark.parametrize(
@@ -100,9 +100,9 @@ def test_what_no_thermometer_says_is_refused(more: dict[str, float]) -> None:
 def test_a_tip_that_does_not_stand_still_cannot_stand_for_itself() -> None:
     still, working = [350.0, 351.0] * 6, ["working", "working"]
     assert unstable(still, working, [350.0, 350.0]) is None
-    assert "moved by 4 °C" in (unstable([*still, 354.0], working, [350.0]) or "")
+    assert "changed by 4 °C" in (unstable([*still, 354.0], working, [350.0]) or "")
     assert "in sleep" in (unstable(still, ["working", "sleep"], [350.0]) or "")
-    assert "changed meanwhile" in (unstable(still, working, [350.0, 360.0]) or "")
+    assert "setpoint changed" in (unstable(still, working, [350.0, 360.0]) or "")
     assert "only 3" in (unstable([350.0] * 3, working, [350.0]) or "")
 
 

@@ -1,4 +1,4 @@
-"""The odometer against a naive reference: every thing that can have happened between two looks is tried, one after the other."""
+"""Counter totals against a naive reference: every thing that can have happened between two looks is tried, one after the other."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def test_sums_hold_what_was_worked(plugged: float, cycles: float, steps: Steps) 
         looks.append(_look(clock, on, work, events))
     now = traced(looks).now
     for name, real, step in (("plugged_h", real_on, 1.0), ("sleep_cycles", real_events, 0.0)):
-        odometer = now[1, name].odometer
+        odometer = now[1, name].counter_total
         if not now[1, name].differences or odometer.since != looks[0].time:
             continue
         assert odometer.total.low - 1e-6 <= real <= odometer.total.high + 1e-6, (name, real, odometer, rules(now[1, name]))

@@ -1,11 +1,10 @@
 """The runs that used a tip which failed its verification.
 
-The *bad one* is the last verification that failed, of the station, port and tip that are asked for. What is *suspect* is every
-run that was on since the last one that passed before it, until the next that passed after it: nobody knows when in between it
-went bad. Where none passed before, that is from the beginning. A run is suspect for the ports that it recorded; one that names
-another tip for a port is not suspect for it, one that names none is.
+*Bad* is the last failed verification of the given station, port and tip. *Suspect* is every run between the last pass before it
+(or the beginning) and the next pass after it, as the tip may have failed at any time in between. A run is suspect for the ports
+that it recorded, except a port for which it names another tip.
 
-What cannot be read is listed separately: it may be one of them.
+Unreadable runs are listed separately: they may be suspect, too.
 """
 
 from __future__ import annotations
@@ -16,15 +15,14 @@ from datetime import datetime
 from pathlib import Path
 
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.maintenance.verification.verification import Result, Verification
-from jbclog.maintenance.verification.verifications_file import Book, read_book
+from jbclog.maintenance.verification import Book, Result, Verification, read_book
 from jbclog.record.find_runs import Found, Unreadable, find
 from jbclog.record.manifest import read_manifest
 
 
 @dataclass(frozen=True, slots=True)
 class Used:
-    """A run that used a tip of the station: on which ports, and which tip it names for each (None: it does not say)."""
+    """A run that used a tip of the station, with its ports and the tip that it names for each (None: no name)."""
 
     folder: Path
     started: str | None
@@ -38,7 +36,7 @@ class Used:
 
 @dataclass(frozen=True, slots=True)
 class Suspect:
-    """The runs in the window from `since` to `until` (None: open), and why it is that window. `bad` is None where none failed."""
+    """The runs in the window from `since` to `until` (None: open), and the reason for the window. `bad` is None if none failed."""
 
     bad: Verification | None
     since: datetime | None
@@ -50,10 +48,10 @@ class Suspect:
 
 
 def where_used(out: Path, station: str, port: int | None = None, tip: str | None = None, since: datetime | None = None) -> Suspect:
-    """The runs below `out` that used a tip of `station` since the last good verification, or since `since`.
+    """Return the runs below `out` that used a tip of `station` since the last passed verification, or since `since`.
 
-    Raises `RecordError` where the folder or the file of verifications cannot be read, `UsageError` where nothing knows the station:
-    under a name that was mistyped nothing is suspect.
+    Raises `RecordError` if the folder or the file of verifications cannot be read, `UsageError` for an unknown station, as a
+    mistyped name would have no suspect runs.
     """
     book = read_book(out)
     _expect_known(out, book, station)
@@ -62,7 +60,7 @@ def where_used(out: Path, station: str, port: int | None = None, tip: str | None
         return window
     if tip is None and window.bad is not None and since is None:
         tip = window.bad.tip
-    for run in find(out):  # by no filter: one that cannot be read might be one of them
+    for run in find(out):  # without a filter, as an unreadable run may be suspect
         if isinstance(run, Unreadable):
             window.unreadable.append(run)
             continue
@@ -80,10 +78,10 @@ def _expect_known(out: Path, book: Book, station: str) -> None:
         return
     for run in find(out):
         if isinstance(run, Unreadable) or station in run.stations:
-            return  # or may be of it
+            return  # an unreadable run may be of this station
         names.update(run.stations)
-    known = f"there are {', '.join(sorted(names))}" if names else "there is none yet"
-    raise UsageError(f"{station}: no run in {out} and no verification is of a station of that name; {known}")
+    known = f"known stations: {', '.join(sorted(names))}" if names else "no station is known yet"
+    raise UsageError(f"{station}: no run in {out} and no verification has a station of that name; {known}")
 
 
 def _window(book: Book, station: str, port: int | None, tip: str | None, since: datetime | None) -> Suspect:
@@ -92,19 +90,17 @@ def _window(book: Book, station: str, port: int | None, tip: str | None, since: 
     ]
     bad = next((one for one in reversed(these) if one.result == Result.FAIL), None)
     if since is not None:
-        return Suspect(bad, since, None, "It is since when was asked for.", wrong=book.wrong)
+        return Suspect(bad, since, None, "Runs since the given time.", wrong=book.wrong)
     if bad is None:
-        why = (
-            "No verification of it failed; give --since to see the runs since then." if these else "No verification of it is known."
-        )
+        why = "No verification failed; give --since to list runs since a time." if these else "No verification is known."
         return Suspect(None, None, None, why, wrong=book.wrong)
     same = [one for one in these if (one.port, one.tip) == (bad.port, bad.tip) and one.result == Result.PASS]
     good = next((one for one in reversed(same) if one.seq < bad.seq), None)
     again = next((one for one in same if one.seq > bad.seq), None)
-    told = f"Tip {bad.tip} in port {bad.port} failed at {bad.time[:16]}Z ({bad.offset_c:+.1f} °C)"
-    told += f"; it had passed at {good.time[:16]}Z" if good else "; it had never passed before"
-    told += f", and passed again at {again.time[:16]}Z." if again else ", and has not passed since."
-    return Suspect(bad, _moment(good), _moment(again), told, wrong=book.wrong)
+    why = f"Tip {bad.tip} in port {bad.port} failed at {bad.time[:16]}Z ({bad.offset_c:+.1f} °C)"
+    why += f"; last pass at {good.time[:16]}Z" if good else "; it had never passed before"
+    why += f", next pass at {again.time[:16]}Z." if again else ", not passed since."
+    return Suspect(bad, _moment(good), _moment(again), why, wrong=book.wrong)
 
 
 def _moment(one: Verification | None) -> datetime | None:
@@ -112,7 +108,7 @@ def _moment(one: Verification | None) -> datetime | None:
 
 
 def _was_on(run: Found, window: Suspect) -> bool:
-    """Whether the run and the window overlap; an end that is not known is one that is still to come."""
+    """Whether the run and the window overlap; a run without an end is taken to continue."""
     began = None if run.started is None else datetime.fromisoformat(run.started)
     ended = None if run.ended is None else datetime.fromisoformat(run.ended)
     is_before = window.since is not None and ended is not None and ended < window.since
@@ -129,5 +125,5 @@ def _used(run: Found, station: str, port: int | None, tip: str | None) -> Iterat
     named = {number: manifest.metadata.tip(station, number) for number in ports}
     these = [number for number in ports if tip is None or named[number] in (None, tip)]
     if these:
-        said = (run.started, run.ended, tuple(these), tuple(named[number] for number in these), run.units, run.order, run.verdict)
-        yield Used(run.folder, *said)
+        tips = tuple(named[number] for number in these)
+        yield Used(run.folder, run.started, run.ended, tuple(these), tips, run.units, run.order, run.verdict)

@@ -1,4 +1,4 @@
-"""The odometer on histories made by hand: every kind of difference, and the rule that decides it."""
+"""Counter totals on histories made by hand: every kind of difference, and the rule that decides it."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ DAY, WEEK = 24.0, 168.0
 
 def test_whole_hours_are_one_hour_wide_over_however_many_looks() -> None:
     trace = series(DAY, plugged_h=range(5000, 5240, 8), work_h=range(3000, 3120, 4))["work_h"]
-    assert trace.odometer.total == Interval(115, 117)
+    assert trace.counter_total.total == Interval(115, 117)
     assert trace.between(0, 1) == Interval(3, 5)
-    assert (trace.odometer.is_known, trace.odometer.marks, trace.odometer.first) == (True, (), 3000)
+    assert (trace.counter_total.is_known, trace.counter_total.marks, trace.counter_total.first) == (True, (), 3000)
 
 
 def test_counts_are_exact() -> None:
     trace = series(DAY, plugged_h=[5000, 5008, 5016], sleep_cycles=[700, 731, 731])["sleep_cycles"]
-    assert trace.odometer.total == Interval(31, 31)
+    assert trace.counter_total.total == Interval(31, 31)
     assert [one.kind for one in trace.differences] == [Kind.NORMAL, Kind.ZERO]
 
 
 def test_two_audits_within_a_minute_differ_in_nothing() -> None:
     traces = series(1 / 60, plugged_h=[5000, 5000], work_h=[3000, 3001], sleep_cycles=[700, 700])
     assert [one.differences[0].kind for one in traces.values()] == [Kind.ZERO, Kind.NORMAL, Kind.ZERO]
-    assert traces["plugged_h"].odometer.total == Interval(0, 1)
-    assert all(one.odometer.is_known for one in traces.values())
+    assert traces["plugged_h"].counter_total.total == Interval(0, 1)
+    assert all(one.counter_total.is_known for one in traces.values())
 
 
 def test_one_that_falls_alone_from_near_its_top_rolled_over() -> None:
     trace = series(DAY, plugged_h=[5000, 5008, 5016], work_h=[3000, 3006, 3012], sleep_cycles=[99_990, 12, 30])["sleep_cycles"]
     assert rules(trace) == ["fell_from_near_its_top", "went_on"]
-    assert trace.odometer.total == Interval(40, 40)
-    assert trace.odometer.is_known
-    assert [one.kind for one in trace.odometer.marks] == [Kind.ROLL_OVER]
+    assert trace.counter_total.total == Interval(40, 40)
+    assert trace.counter_total.is_known
+    assert [one.kind for one in trace.counter_total.marks] == [Kind.ROLL_OVER]
 
 
 def test_hours_roll_over_after_99999() -> None:
@@ -52,8 +52,8 @@ def test_hours_roll_over_after_99999() -> None:
 def test_a_length_rolls_over_after_five_hexadecimal_digits() -> None:
     shown = [104_000.0, 6_000.0, 14_000.0]
     trace = series(DAY, plugged_h=[5000, 5008, 5016], work_h=[3000, 3006, 3012], dispensed_mm=shown)["dispensed_mm"]
-    assert trace.odometer.total.middle == pytest.approx(104_857.6 - 104_000 + 14_000)
-    assert trace.odometer.is_known
+    assert trace.counter_total.total.middle == pytest.approx(104_857.6 - 104_000 + 14_000)
+    assert trace.counter_total.is_known
 
 
 def test_a_length_wider_than_five_digits_rolls_over_later() -> None:
@@ -68,7 +68,7 @@ def test_several_that_fall_together_were_reset_or_are_a_hardly_used_unit() -> No
     work = last(traces["work_h"])
     assert (work.rule, work.is_known, work.delta) == ("reset_or_other_unit", False, Interval(0, WEEK * 1.01))
     assert last(traces["sleep_cycles"]).delta == Interval(0, WEEK * 1.01 * 60)
-    assert traces["work_h"].odometer.total.low == 20 - 1
+    assert traces["work_h"].counter_total.total.low == 20 - 1
     assert "reset" in work.text
 
 
@@ -191,12 +191,12 @@ def test_at_its_last_number_nobody_knows_whether_it_stands() -> None:
 def test_a_moving_counter_is_an_interval_and_the_next_reading_ends_it() -> None:
     trace = series(DAY, plugged_h=[5000, 5008, 5016], sleep_cycles=[700, (731, 732, 733), 760])["sleep_cycles"]
     assert trace.between(0, 1) == Interval(31, 33)
-    assert (trace.odometer.total, trace.odometer.is_known) == (Interval(60, 60), True)
+    assert (trace.counter_total.total, trace.counter_total.is_known) == (Interval(60, 60), True)
 
 
 def test_an_unread_counter_is_skipped() -> None:
     trace = series(DAY, plugged_h=[5000, 5008, 5016], work_h=[3000, None, 3012])["work_h"]
-    assert (len(trace.points), trace.odometer.total, trace.odometer.is_known) == (2, Interval(11, 13), True)
+    assert (len(trace.points), trace.counter_total.total, trace.counter_total.is_known) == (2, Interval(11, 13), True)
 
 
 def test_a_reset_while_a_counter_was_not_read_is_not_missed() -> None:
@@ -209,14 +209,14 @@ def test_a_reset_while_a_counter_was_not_read_is_not_missed() -> None:
 
 def test_a_reading_that_fits_neither_side_is_left_out_and_told() -> None:
     trace = series(DAY, plugged_h=[5000, 5008, 5016, 5024], work_h=[3000, 3006, 3900, 3018])["work_h"]
-    assert (trace.odometer.total, trace.odometer.is_known) == (Interval(17, 19), True)
-    assert [(one.kind, one.rule) for one in trace.odometer.marks] == [(Kind.SUSPECT, "left_out")]
+    assert (trace.counter_total.total, trace.counter_total.is_known) == (Interval(17, 19), True)
+    assert [(one.kind, one.rule) for one in trace.counter_total.marks] == [(Kind.SUSPECT, "left_out")]
 
 
 def test_a_wrong_digit_soon_after_a_reset_is_left_out() -> None:
     shown = {"plugged_h": [5000, 10, 18, 26], "work_h": [3000, 8, 9014, 20]}
     trace = series(DAY, told(20, RESET), **shown)["work_h"]
-    assert [one.rule for one in trace.odometer.marks if one.kind is Kind.SUSPECT] == ["left_out"]
+    assert [one.rule for one in trace.counter_total.marks if one.kind is Kind.SUSPECT] == ["left_out"]
     assert last(trace).delta.low == 11
 
 
@@ -241,7 +241,7 @@ LATER = {"plugged_h": 5008, "work_h": 3006}
 def test_another_station_begins_anew(who: object, shown: dict[str, float], rule: str | None) -> None:
     looks = [seen(0, ONE), seen(DAY, shown, who), seen(2 * DAY, {name: value + 6 for name, value in shown.items()}, who)]  # type: ignore[arg-type]
     found = traced(looks)
-    odometer = found.now[1, "work_h"].odometer
+    odometer = found.now[1, "work_h"].counter_total
     assert [one.rule for one in odometer.marks] == ([rule] if rule else [])
     assert (odometer.since, odometer.first) == ((at(DAY), shown["work_h"]) if rule else (at(0), 3000))
     assert len(found.earlier) == (2 if rule else 0)
@@ -249,7 +249,7 @@ def test_another_station_begins_anew(who: object, shown: dict[str, float], rule:
 
 def test_a_number_of_its_own_tells_two_stations_apart() -> None:
     looks = [seen(0, ONE, replace(WHO, uid="a")), seen(DAY, LATER, replace(WHO, uid="b"))]
-    assert [one.rule for one in traced(looks).now[1, "work_h"].odometer.marks] == ["other_uid"]
+    assert [one.rule for one in traced(looks).now[1, "work_h"].counter_total.marks] == ["other_uid"]
 
 
 # -- what people told -------------------------------------------------------------------------------------------------------------
@@ -257,7 +257,7 @@ def test_a_number_of_its_own_tells_two_stations_apart() -> None:
 
 def test_a_stated_replacement_begins_anew() -> None:
     found = traced([seen(0, ONE), seen(DAY, LATER)], [told(5, REPLACED)])
-    assert [one.rule for one in found.now[1, "work_h"].odometer.marks] == ["stated_replaced"]
+    assert [one.rule for one in found.now[1, "work_h"].counter_total.marks] == ["stated_replaced"]
 
 
 def test_a_stated_reset_narrows_what_is_lost() -> None:
@@ -279,7 +279,7 @@ def test_a_clock_that_was_set_back_is_in_doubt_until_a_later_audit() -> None:
     assert (last_one.kind, last_one.rule, last_one.delta.low) == (Kind.SUSPECT, "clock_ran_back", 0)
     looks.append(seen(72, {"plugged_h": 5024, "work_h": 3000}))
     trace = traced(looks).now[1, "plugged_h"]
-    assert (trace.odometer.total, trace.odometer.is_known) == (Interval(23, 25), True)
+    assert (trace.counter_total.total, trace.counter_total.is_known) == (Interval(23, 25), True)
 
 
 def test_looks_whose_clock_was_wrong_are_bounded_by_those_beside() -> None:
