@@ -68,9 +68,7 @@ def problems_between(recipe: Recipe) -> Iterator[Problem]:
 
 
 def no_cooldown(recipe: Recipe) -> Iterator[Problem]:
-    """Delays switched off by a recipe whose safe state, or what follows where that is not reached, needs them: told to stand,
-    the tool never cools by itself.
-    """
+    """Yield the delays that the recipe switches off although its safe state, or the fallback, may be stand, which never cools."""
     families = [FAMILIES[name] for name in recipe.families if name in FAMILIES]
     if not any(family.may_stand_at_last(recipe.safe_state(family.name)) for family in families):
         return
@@ -94,7 +92,7 @@ def _foreign_limits(recipe: Recipe) -> Iterator[Problem]:
     for name, families in LIMIT_FAMILIES.items():
         if getattr(recipe.acceptance, name, None) is not None and not set(families) & set(recipe.families):
             listed, belongs = ", ".join(recipe.families), ", ".join(families)
-            text = f"fits none of the families listed ({listed}), which tell nothing of it; it is for {belongs}"
+            text = f"fits none of the families listed ({listed}); it is for {belongs}"
             yield recipe.problem(("acceptance", name), text)
 
 

@@ -65,7 +65,7 @@ WHEN_OFF: Final = ("alarm.high", "alarm.low")
 
 CANNOT_HEAT: Final[Mapping[str, str]] = MappingProxyType(
     {
-        "sleep_delay": "decides when a tool that was told to stand cools down",
+        "sleep_delay": "decides when a tool in the stand cools down",
         "hibernation_delay": "decides when a tool that sleeps is switched off",
         "alarm_high_limit": "decides when the station raises its alarm",
         "alarm_high_delay": "decides when the station raises its alarm",

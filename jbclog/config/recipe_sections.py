@@ -149,7 +149,7 @@ class Episodes(Table):
 
 
 class Units(Table):
-    """Serials of units that are read while the run goes on: what becomes of one that was read before."""
+    """Serials of units that are read during the run. `repeat`: what to do with one that was read before."""
 
     repeat: Literal["continue", "refuse"] = Field("continue", description="continue or refuse")
 

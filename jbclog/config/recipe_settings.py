@@ -41,7 +41,7 @@ class Setting:
         return f"{self.value} {self.unit}" if self.is_share else self.command.shown(self.value)
 
     def as_counted(self, held: Mapping[str, Value]) -> Setting | None:
-        """The setting with the number that goes on the wire, given what the station holds; None where that is not known."""
+        """Return the setting with the number to send, given what the station holds; None if that is not known."""
         if not self.is_share:
             return self
         whole = held.get(str(self.command.share_of))
@@ -79,7 +79,7 @@ def foreign_keys(recipe: Recipe, family: Family, ports: Collection[int] | None =
 
 
 def live_problems(recipe: Recipe, family: Family, port: int, held: Mapping[str, Value]) -> list[str]:
-    """Where what the port is asked to hold is beyond what the station itself allows, as it told in `held`."""
+    """Return the problems of settings beyond what the station allows, as read into `held`."""
     found = ((one, _live_problem(setting, held)) for one, setting in _for_port(recipe, family, port))
     return [str(recipe.problem(one.key, text)) for one, text in found if text is not None]
 

@@ -105,14 +105,14 @@ class FaultSpec(Table):
 
 
 class SimSpec(Table):
-    """The virtual station behind one entry of a line file. Everything has a default.
+    """The virtual station behind one entry of a line file. Every key has a default.
 
-    `tool` is what is plugged into every port, `tools` what is plugged into single ones (0 = none). `family` is what it really is,
-    where the line file says another. Without `model` the line file's is told, and without that the family's own name. `settings`
-    and `counters` are what the station begins with, by command name, on all of its ports and tools; ``"off"`` is a value of
-    delays. `quirks` are ways in which it differs from what is recommended where the manuals contradict themselves. `seed`
-    decides joints, noise and flipped bits; without it the station's name does. An omega answers after 0 to 250 ms, as it likes,
-    unless `turnaround_ms` is given, and begins with the conditions that `settings` have as ``condition_101 = "0065 0 023 ..."``.
+    `tool` is plugged into every port, `tools` into single ones (0 = none). `family` is the real family if the line file names
+    another. The model reported is `model`, else the line file's, else the family's name. `settings` and `counters` are the initial
+    values by command name, for all ports and tools; ``"off"`` is a value of delays. `quirks` choose among the readings of the
+    manuals where these contradict themselves. `seed`, by default the station's name, decides joints, noise and flipped bits. An
+    omega answers after 0 to 250 ms unless `turnaround_ms` is given, and starts with the conditions in `settings`, such as
+    ``condition_101 = "0065 0 023 ..."``.
     """
 
     turnaround_ms: float = Field(default=1.0, ge=0, le=10_000)

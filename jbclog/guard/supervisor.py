@@ -28,6 +28,7 @@ TAKEN_OVER_S: Final = 12.0
 UNANSWERED_MOST: Final = 4  # renewals: at most 1.25 s with a guard that answers none
 PIPE_SIZE: Final = 1 << 20  # Linux allows it to all users: it holds the leases of any line while the guard starts
 REPLACED_AT_MOST: Final = 20  # whatever kills 20 guards kills more
+UNGUARDED: Final = "if this recorder dies, the tools stay hot"
 
 Report = Callable[[str, str], None]
 """Records a critical event of a kind, with its text."""
@@ -142,17 +143,17 @@ class GuardSupervisor:
             self._guard.kill()
         self._guard = None
         if self._replaced >= REPLACED_AT_MOST:
-            self._report("guard.lost", f"The guard was lost for good ({lost}); nobody makes the tools safe if this recorder dies.")
+            self._report("guard.lost", f"The guard was lost and is not replaced ({lost}); {UNGUARDED}.")
             return
         self._replaced += 1
-        self._report("guard.lost", f"The guard was lost ({lost}); another one takes its place.")
+        self._report("guard.lost", f"The guard was lost ({lost}) and is being replaced.")
         try:
             self._guard = GuardProcess(self._folder)
             for station in self._leases.values():
                 self._guard.lease(station)
         except (GuardLost, StartRefused) as error:
             self._guard = None
-            self._report("guard.lost", f"It could not be replaced ({error}); nobody makes the tools safe if this recorder dies.")
+            self._report("guard.lost", f"It could not be replaced ({error}); {UNGUARDED}.")
 
 
 class GuardProcess:

@@ -134,7 +134,7 @@ class TakeOver:
             self._report(lease, "safety.safe_state", severity, f"the tool {text}, as read back: {state}{why}", tool.port)
             return
         what = (
-            "was told its safe state by the guard and does not confirm it"
+            "was sent its safe state by the guard and does not confirm it"
             if tool.reached == SafetyResult.SENT
             else "could not be made safe"
         )

@@ -40,7 +40,7 @@ class GuardLost(Exception):
 class Verdict(Enum):
     """What the guard does next; the values are parts of sentences."""
 
-    WATCH = "go on watching"
+    WATCH = "keep watching"
     DONE = "nothing is left to guard"
     DEAD = "the recorder died"
     FAILED = "the recorder failed"

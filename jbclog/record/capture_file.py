@@ -17,8 +17,8 @@ from jbclog.core.foreign.files import Kind, open_foreign
 
 BYTES: Final = ("sent", "heard")
 PASSED: Final = get_args(LinkRowKind)
-TOLD: Final = get_args(ResultKind)
-WISHES: Final = get_args(RequestName)
+RESULTS: Final = get_args(ResultKind)
+REQUESTS: Final = get_args(RequestName)
 
 
 def line_of(row: CaptureRow) -> str:
@@ -38,34 +38,35 @@ def row_of(line: str) -> CaptureRow:
     """Parse a row. Raises ValueError."""
     columns = line.rstrip("\n").split("\t")
     if len(columns) != 3:
-        raise ValueError("it has not three columns")
+        raise ValueError("must have three columns")
     at, what, data = columns
     moment = _finite(at)
     if what in BYTES:
         return LinkRow(moment, cast(LinkRowKind, what), bytes.fromhex(data))
     if what in PASSED:
         return LinkRow(moment, cast(LinkRowKind, what), b"", _plain(data))
-    wish, _, rest = data.partition(" ")
-    if what not in TOLD or wish not in WISHES:
-        raise ValueError(f"{what} {wish} is not what a wire record tells")
+    name, _, rest = data.partition(" ")
+    if what not in RESULTS or name not in REQUESTS:
+        raise ValueError(f"{what} {name} is no row of a serial capture")
+    request = cast(RequestName, name)
     if what == "told":
         size, sent, late, *more = *rest.split(" "), "", ""
         if any(more):
-            raise ValueError(f"{rest} is more than a wire record tells")
-        return ResultRow(moment, "told", cast(RequestName, wish), _count(size), _finite(sent or "0"), late_s=_finite(late or "0"))
-    return ResultRow(moment, cast(ResultKind, what), cast(RequestName, wish), text=_plain(rest))
+            raise ValueError(f"{rest} has too many fields for a serial capture")
+        return ResultRow(moment, "told", request, _count(size), _finite(sent or "0"), late_s=_finite(late or "0"))
+    return ResultRow(moment, cast(ResultKind, what), request, text=_plain(rest))
 
 
 def _finite(text: str) -> float:
     number = float(text)
     if not isfinite(number):
-        raise ValueError(f"{text} is no moment")
+        raise ValueError(f"{text} is not a time")
     return number
 
 
 def _count(text: str) -> int:
     if not text.isdecimal():
-        raise ValueError(f"{text} is no number of bytes")
+        raise ValueError(f"{text} is not a number of bytes")
     return int(text)
 
 

@@ -83,7 +83,7 @@ class Wire:
 
     def give_up(self, why: str) -> None:
         """Stop writing; complete blocks stay."""
-        self.trouble = f"{FOLDER}/{self._path.name} cannot be written any further: {why}. The run goes on without it."
+        self.trouble = f"{FOLDER}/{self._path.name} cannot be written any further: {why}. The run continues without it."
         if self.is_open:
             self._end()
 

@@ -39,7 +39,7 @@ def expect_damage(path: Path, error: Exception) -> None:
 class StoreReader:
     """A read-only snapshot of all segments of a run's live store. `damage` grows as damage is found.
 
-    A batch in two segments is read from the first in which it is sound. A passing cause (no room for SQLite's index, missing
+    A batch in two segments is read from the first in which it is sound. A passing cause (no space for SQLite's index, missing
     permission, a failing disk) is not damage: any call raises `RecordError`. If files disappear while they are opened, the run is
     being sealed, and the reader lists them again. Read manifest and parts after this, so that no row is missed: they exist before
     the store's files are removed.

@@ -54,7 +54,7 @@ def test_where_it_cannot_be_written_the_run_is_what_it_would_have_been(tmp_path:
     assert [finding.code for finding in result.findings] == [Exit.STATION]
     (event,) = open_run(result.folder).events().query("kind == 'wire.failed'").itertuples()
     assert event.severity == "warning"
-    assert "The run goes on without it." in event.text
+    assert "The run continues without it." in event.text
     assert result.manifest.wire == event.text
     assert check(result.folder) == []
 

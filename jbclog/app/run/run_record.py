@@ -260,7 +260,7 @@ class _Tap:
 
     def _without_alarms(self, row: SampleRow, error: Exception) -> None:
         self._alarms = None
-        text = f"Alarms on samples are no longer evaluated while this run goes on: internal error, {unexpected_error_text(error)}."
+        text = f"Alarms on samples are not evaluated for the rest of this run: internal error, {unexpected_error_text(error)}."
         time = row[COLUMN["time"]]
         assert isinstance(time, int)
         self._store.event(EventRow(time, "alarm.episode.failed", Severity.WARNING, text))

@@ -318,7 +318,7 @@ class _Run:
         self._units.finish()
         given = self._plan.wanted.metadata and self._plan.wanted.metadata.units
         if not (self._units.has_had_any or given) and any("unit" in one.recipe.metadata.required for one in self._plan.stations):
-            self._note("unit.missing", "The recipe requires a unit, and no serial came while the run went on.", Severity.ERROR)
+            self._note("unit.missing", "The recipe requires a unit, and no serial came during the run.", Severity.ERROR)
 
     def _note_missed(self) -> None:
         missed = self._missed()
@@ -329,11 +329,11 @@ class _Run:
             self._note("notes.missed", text, value=missed)
 
     def _on_record_failure(self, error: RecordError) -> None:
-        """From the store's thread: what can no longer be recorded must not go on heating."""
+        """End the run, called from the store's thread: no tool may stay hot unrecorded."""
         self._in_loop(self._reactor.end, f"the record cannot be kept: {error}")
 
     def _in_loop(self, call: Callable[[str], None], what: str) -> None:
-        """Have it done in the loop's thread; where the loop has ended there is nothing left to do."""
+        """Call it in the loop's thread; does nothing after the loop's end."""
         with suppress(RuntimeError):
             self._reactor.loop.call_soon_threadsafe(call, what)
 

@@ -215,8 +215,8 @@ class UnitFeed:
 
     def _close_source(self, source: LineSource) -> None:
         self._take(*self._splitter.finish())
-        going_on = f"unit {self.unit} goes on to the end of the run" if self.unit else "there is no unit from here on"
-        text = f"No more serials come from {source.name}, which was closed: {going_on}.{self._too_few}"
+        rest = f"unit {self.unit} lasts until the end of the run" if self.unit else "the rest of the run has no unit"
+        text = f"No more serials come from {source.name}, which was closed: {rest}.{self._too_few}"
         self._note("unit.closed", text, None, Severity.WARNING)
         self._give_up()
 

@@ -71,8 +71,9 @@ def _of_station(station: StationAudit) -> Iterator[Row]:
 
 
 def _counter(meter: Meter) -> Row:
-    row: Row = {"kind": "counter", "port": meter.port, "name": meter.counter, "unit": meter.unit, "since": meter.counter_total.since}
-    row |= _range(meter.counter_total.total)
+    total = meter.counter_total
+    row: Row = {"kind": "counter", "port": meter.port, "name": meter.counter, "unit": meter.unit, "since": total.since}
+    row |= _range(total.total)
     if meter.read is not None:
         row |= {"value": meter.read.value, "standing": meter.read.standing.value, "text": meter.read.why}
     if meter.last is not None:

@@ -100,7 +100,7 @@ def feeding(task: SafetyTask) -> None:
 PUT = ("safety.safe_state", "info", "The tool was put in its safe state by the guard, as read back: stand.")
 FELL_BACK = ("warning", "The tool was put in its safe state by the guard, as read back: stand; extractor was refused.")
 HOT = "it may be hot: switch the station off."
-UNCONFIRMED = "The tool was told its safe state by the guard and does not confirm it"
+UNCONFIRMED = "The tool was sent its safe state by the guard and does not confirm it"
 NOT_SAFE = ("safety.not_safe", "critical")
 
 

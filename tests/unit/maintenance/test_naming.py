@@ -55,7 +55,7 @@ def test_who_is_logged_in_did_it_now_where_nobody_says_else(ledger: Path, monkey
         (("done", "-s", "dde-2", *DONE), "has no station of that name; did you mean dde-1?"),
         (("done", "-s", "qqqq", *DONE), "has no station of that name; there are ale-1, dde-1"),
         (("done", "-s", "ale-1", *DONE), "several lines have a station of that name; give bench-3/ale-1 or hall/ale-1"),
-        (("done", "-s", "dde-1", "--task", "tip-chnge"), "did you mean tip-change, cartridge-change?; a tasks file"),
+        (("done", "-s", "dde-1", "--task", "tip-chnge"), "did you mean tip-change, cartridge-change?; give a tasks file"),
         (("done", "-s", "dde-1"), "give `done` with --station and --task, or `list`"),
         (("done", "-s", "dde-1", "--task", "service", "--port", "4"), "--port 4: dde-1 has no such port; its ports are 1, 2"),
         (("done", "-s", "dde-1", "--task", "service", "--by", " "), "--by: must not be empty"),

@@ -121,7 +121,7 @@ def test_hot_for_nothing_is_what_is_beyond_the_stations_own_best_pace() -> None:
     assert truth * 0.8 < idle.range.low <= truth
     assert idle.value == idle.range.low
     assert found["idle_hot_kwh"].value == pytest.approx(idle.range.low * 0.13)
-    assert "own best pace" in idle.by
+    assert "best weekly rate" in idle.by
 
 
 def test_without_a_rated_power_there_are_hours_only() -> None:

@@ -142,7 +142,7 @@ def test_a_line_changed_taken_out_or_moved_shows_and_nothing_is_added_behind_it(
     path.write_bytes(b"".join(lines))
     assert read_book(tmp_path).wrong
     assert cited(tmp_path, [("dde-1", 1)], {}, NOW + timedelta(days=9))[0].state == "unreadable"
-    with pytest.raises(RecordError, match="nothing is added"):
+    with pytest.raises(RecordError, match="nothing was added"):
         kept(tmp_path)
 
 

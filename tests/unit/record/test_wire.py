@@ -259,7 +259,7 @@ def test_a_full_disk_ends_this_file_and_nothing_else(tmp_path: Path, monkeypatch
         keep(row)
         recorder.write()
     (said,) = recorder.news()
-    assert said == "wire/dde-1.tsv.gz cannot be written any further: No space left on device. The run goes on without it."
+    assert said == "wire/dde-1.tsv.gz cannot be written any further: No space left on device. The run continues without it."
     assert recorder.news() == []
     recorder.close()
     path = wire_path(tmp_path, "dde-1")

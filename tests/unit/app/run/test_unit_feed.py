@@ -110,7 +110,7 @@ def test_a_pipe_that_was_closed_leaves_the_last_unit_and_says_so(feeding: Feedin
     feeding.hangs_up()
     feeding.feed.look()
     assert feeding.context.told()[-3:] == [("end", "SN-1"), ("begin", "SN-2"), ("closed", None)]
-    assert "unit SN-2 goes on to the end of the run" in feeding.context.events[-1].text
+    assert "unit SN-2 lasts until the end of the run" in feeding.context.events[-1].text
     assert not feeding.feed.look()
     feeding.feed.finish()
     assert feeding.context.told()[-1] == ("end", "SN-2")
