@@ -9,46 +9,27 @@ from __future__ import annotations
 
 import difflib
 import json
-import time
-from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
+from dataclasses import asdict
 from pathlib import Path
 from typing import Final, TypeVar
 
 from jbclog import __version__
+from jbclog.app.port_access import SYSTEM, PortAccess
 from jbclog.config.line import Line, load_line
-from jbclog.core.clock import Clock, SystemClock
 from jbclog.core.durable_files import write_new
 from jbclog.core.errors import PortBusy, RecordError, UsageError
 from jbclog.core.io_requests import Steps
-from jbclog.core.serial_line import LineFormat
 from jbclog.protocol import frame, omega
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
 from jbclog.record.port_owner import run_of, run_that_holds
 from jbclog.session.manual.contact import Target
 from jbclog.session.manual.danger import Snapshot
-from jbclog.transport import blocking
-from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port
 from jbclog.transport.read_only import OnlyReads, ReadOnly
 
 T = TypeVar("T")
 NUMBERS: Final = ("", *(f"-{number}" for number in range(2, 100)))  # for further snapshots within the same second
-
-
-@dataclass(frozen=True, slots=True)
-class Means:
-    """How ports are opened and time passes; tests have their own."""
-
-    open_port: Callable[[str, LineFormat], Port]
-    sleep: Callable[[float], None]
-    clock: Clock
-
-
-SYSTEM: Final = Means(open_port, time.sleep, SystemClock())
-means = SYSTEM
 
 
 def target_in(path: Path, name: str) -> Target:
@@ -68,28 +49,27 @@ def target_of(line: Line, name: str) -> Target:
     return Target(found.name, found.url, family, found.line_format, found.address, found.ports, found.model)
 
 
-def ask(target: Target, steps: Steps[T], *, may_write: bool = False) -> T:
+def ask(target: Target, steps: Steps[T], access: PortAccess = SYSTEM, *, may_write: bool = False) -> T:
     """Run `steps` on the target's port and return their result. The port accepts only reads, unless `may_write`.
 
     Raises `PortBusy` naming the run that holds the port, and whatever the steps raise.
     """
     _refuse_during_run(target)
     only_reads = None if may_write else only_reads_for(target.family)
-    return blocking.run(steps, lambda: _open(target, only_reads), sleep=means.sleep, clock=means.clock)
+    return access.run(steps, lambda: _open(target, only_reads, access))
 
 
-def utc_of(moment: float) -> str:
+def utc_of(moment: float, access: PortAccess = SYSTEM) -> str:
     """Convert a monotonic time of this process to UTC: ``2026-11-21T01:30:00.000000Z``."""
-    found = datetime.fromtimestamp(means.clock.utc() - means.clock.monotonic() + moment, UTC)
-    return found.strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+    return access.utc_of(moment).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
-def keep_snapshot(snapshot: Snapshot, before: str, path: Path | None) -> Path:
+def keep_snapshot(snapshot: Snapshot, before: str, path: Path | None, access: PortAccess = SYSTEM) -> Path:
     """Save a snapshot at `path`, or in the current folder under station and time, synced; return its path.
 
     Never overwrites a file. Raises `RecordError`.
     """
-    time = utc_of(means.clock.monotonic())
+    time = utc_of(access.clock.monotonic(), access)
     stamp = time.partition(".")[0].replace("-", "").replace(":", "")
     name = f"{snapshot.station}-settings-{stamp}Z"
     facts = {"time": time, "before": before, "jbclog": __version__, **asdict(snapshot)}
@@ -117,9 +97,9 @@ def only_reads_for(family: Family | None) -> OnlyReads:
     return omega.only_reads if family is not None and family.protocol == OMEGA else frame.only_reads
 
 
-def _open(target: Target, only_reads: OnlyReads | None) -> Port:
+def _open(target: Target, only_reads: OnlyReads | None, access: PortAccess) -> Port:
     try:
-        port = means.open_port(target.url, target.line)
+        port = access.open_port(target.url, target.line)
     except PortBusy as busy:
         run = run_of(busy.process) if busy.process is not None else None
         if run is None:

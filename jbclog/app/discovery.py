@@ -5,25 +5,20 @@ from __future__ import annotations
 import math
 import os
 import re
-import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
+from jbclog.app.port_access import SYSTEM, PortAccess
 from jbclog.config.line import AUTO, Described, StationTable, is_path, line_comment, line_text, station_text
 from jbclog.config.schema import NAME_PATTERN
-from jbclog.core.clock import Clock, SystemClock
 from jbclog.core.errors import PortBusy
 from jbclog.core.serial_line import LineFormat
 from jbclog.record.port_owner import run_that_holds
 from jbclog.session.discovery.found import PortReport, ScanPlan, StationFound
 from jbclog.session.discovery.probe import is_harmless
 from jbclog.session.discovery.scan import ScanControl, scan
-from jbclog.transport import blocking
-from jbclog.transport.opening import open_port
 from jbclog.transport.port import Port
 from jbclog.transport.read_only import ReadOnly
 from jbclog.transport.system_ports import lasting_name, processes_text, sharers_of
@@ -37,31 +32,19 @@ from jbclog.transport.system_ports import lasting_name, processes_text, sharers_
 MOST_AT_ONCE = 64
 
 
-@dataclass(frozen=True, slots=True)
-class Means:
-    """How ports are opened and time passes; tests have their own."""
-
-    open_port: Callable[[str, LineFormat], Port]
-    sleep: Callable[[float], None]
-    clock: Clock
-
-
-SYSTEM: Final = Means(open_port, time.sleep, SystemClock())
-
 OnReport = Callable[[PortReport], object]
 
 
 def search(
-    wanted: Sequence[tuple[str, ScanPlan]], on_report: OnReport = lambda _: None, means: Means | None = None
+    wanted: Sequence[tuple[str, ScanPlan]], on_report: OnReport = lambda _: None, access: PortAccess = SYSTEM
 ) -> list[PortReport]:
     """Scan every url by its plan; return the reports in the order of `wanted`.
 
     `on_report` is called in this thread with each report as it is done. Ctrl-C ends all scans within one response time.
     """
-    by = means or SYSTEM
     dials = [ScanControl(plan.trials[0].line) for _, plan in wanted]
     with ThreadPoolExecutor(max_workers=max(1, min(len(wanted), MOST_AT_ONCE)), thread_name_prefix="scan") as pool:
-        scans = [pool.submit(_scan, url, plan, dial, by) for (url, plan), dial in zip(wanted, dials, strict=True)]
+        scans = [pool.submit(_scan, url, plan, dial, access) for (url, plan), dial in zip(wanted, dials, strict=True)]
         try:
             for done in as_completed(scans):
                 on_report(done.result())
@@ -76,13 +59,13 @@ def _stop(dials: Iterable[ScanControl]) -> None:
         dial.stop = True
 
 
-def _scan(url: str, plan: ScanPlan, dial: ScanControl, means: Means) -> PortReport:
+def _scan(url: str, plan: ScanPlan, dial: ScanControl, access: PortAccess) -> PortReport:
     report = PortReport(url)
-    blocking.run(scan(plan, dial, report), lambda: _open(report, dial, means), sleep=means.sleep, clock=means.clock)
+    access.run(scan(plan, dial, report), lambda: _open(report, dial, access))
     return report
 
 
-def _open(report: PortReport, dial: ScanControl, means: Means) -> Port:
+def _open(report: PortReport, dial: ScanControl, access: PortAccess) -> Port:
     """Open a port for a scan: it passes harmless reads only, and counts them.
 
     A run keeps its stations also while a cable is out, and behind servers that accept a second client. A program that does not
@@ -94,7 +77,7 @@ def _open(report: PortReport, dial: ScanControl, means: Means) -> Port:
     sharers = [] if report.tried else sharers_of(report.url)
     if sharers:
         raise PortBusy(f"{report.url} is open in {processes_text(sharers)}; end that, or take another port", sharers[0])
-    return _Counted(ReadOnly(means.open_port(report.url, dial.line), is_harmless), report, dial.line)
+    return _Counted(ReadOnly(access.open_port(report.url, dial.line), is_harmless), report, dial.line)
 
 
 class _Counted:

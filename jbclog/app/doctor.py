@@ -15,7 +15,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from jbclog.app.discovery import Means, OnReport, search
+from jbclog.app.discovery import OnReport, search
+from jbclog.app.port_access import SYSTEM, PortAccess
 from jbclog.config.line import AUTO, Line, StationSpec
 from jbclog.core.durable_files import write_whole
 from jbclog.protocol.commands.family import FAMILIES, OMEGA, Family
@@ -193,11 +194,11 @@ def look_at_timer(where: str, device: str) -> ScanFinding | None:
 NO_TOOL = "none"
 
 
-def look_at_stations(line: Line, on_report: OnReport = lambda _: None, means: Means | None = None) -> list[Looked]:
+def look_at_stations(line: Line, on_report: OnReport = lambda _: None, access: PortAccess = SYSTEM) -> list[Looked]:
     """Check every station of the line whose port is free. Sends only reads that clear nothing."""
     held = {spec.name: looked for spec in line.stations if (looked := look_at_holder(spec.name, spec.url)) is not None}
     free = [spec for spec in line.stations if spec.name not in held]
-    reports = search([(spec.url, plan_for(spec)) for spec in free], on_report, means)
+    reports = search([(spec.url, plan_for(spec)) for spec in free], on_report, access)
     asked = {spec.name: report for spec, report in zip(free, reports, strict=True)}
     return [
         one
@@ -351,10 +352,10 @@ def _lost(spec: StationSpec, found: StationFound) -> ScanFinding | None:
 # -- examine ------------------------------------------------------------------------------------------------------------------
 
 
-def examine(line: Line | None, out: Path, on_report: OnReport = lambda _: None, means: Means | None = None) -> list[Looked]:
+def examine(line: Line | None, out: Path, on_report: OnReport = lambda _: None, access: PortAccess = SYSTEM) -> list[Looked]:
     """Check this machine and each station of `line`; without a line the USB ports, which are not opened."""
     looked = [*look_at_folder(out), look_at_clock(time.time(), clock_is_kept())]
-    return looked + (_usb() if line is None else look_at_stations(line, on_report, means))
+    return looked + (_usb() if line is None else look_at_stations(line, on_report, access))
 
 
 def _usb() -> list[Looked]:

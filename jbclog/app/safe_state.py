@@ -23,7 +23,8 @@ from pathlib import Path
 from threading import Thread
 from typing import Final
 
-from jbclog.app import connection
+from jbclog.app.connection import target_of
+from jbclog.app.port_access import SYSTEM, PortAccess
 from jbclog.config.line import Line
 from jbclog.core.errors import JbclogError, RecordError, unexpected_error_text
 from jbclog.core.locks import is_held
@@ -34,7 +35,6 @@ from jbclog.record.guard_actions import await_guard
 from jbclog.record.port_owner import holds, recorder_of, runs_that_hold
 from jbclog.session.manual.contact import Target
 from jbclog.session.manual.safe import MadeSafe, StationMadeSafe, make_safe, temperatures
-from jbclog.transport import blocking
 from jbclog.transport.port import Port
 
 TERM_S: Final = 3.0  # for a run to release the line (docs/reference/commands.md, jbclog safe)
@@ -66,10 +66,10 @@ class EndedRun:
     how: HowEnded
 
 
-def make_line_safe(line: Line, done: Callable[[StationMadeSafe], None]) -> None:
+def make_line_safe(line: Line, done: Callable[[StationMadeSafe], None], access: PortAccess = SYSTEM) -> None:
     """Put every tool of the line in its safe state, all stations in parallel; call `done` with each in the line's order."""
-    found = [StationMadeSafe(connection.target_of(line, station.name)) for station in line.stations]
-    threads = [Thread(target=_one, args=(made,), daemon=True) for made in found]
+    found = [StationMadeSafe(target_of(line, station.name)) for station in line.stations]
+    threads = [Thread(target=_one, args=(made, access), daemon=True) for made in found]
     for thread in threads:
         thread.start()
     end = time.monotonic() + DONE_S
@@ -80,25 +80,24 @@ def make_line_safe(line: Line, done: Callable[[StationMadeSafe], None]) -> None:
         done(made)
 
 
-def _one(made: StationMadeSafe) -> None:
+def _one(made: StationMadeSafe, access: PortAccess) -> None:
     """Try to connect to the station until `CONNECT_S` is over; the result is in `made`."""
-    means = connection.means
-    end = means.clock.monotonic() + CONNECT_S
+    end = access.clock.monotonic() + CONNECT_S
     while True:
         try:
-            blocking.run(make_safe(made.target, made), lambda: _open(made.target), sleep=means.sleep, clock=means.clock)
+            access.run(make_safe(made.target, made), lambda: _open(made.target, access))
         except JbclogError as error:
             made.problem = f"{_reason(error, made.target)}; its tools may be hot: switch the station off"
         except Exception as error:  # the other stations must still be made safe
             made.problem = f"internal error, {unexpected_error_text(error)}; its tools may be hot: switch the station off"
-        if made.is_safe or made.family is not None or means.clock.monotonic() > end:
+        if made.is_safe or made.family is not None or access.clock.monotonic() > end:
             return
-        means.sleep(AGAIN_S)
+        access.sleep(AGAIN_S)
         made.problem = None
 
 
-def _open(target: Target) -> Port:
-    return connection.means.open_port(target.url, target.line)
+def _open(target: Target, access: PortAccess) -> Port:
+    return access.open_port(target.url, target.line)
 
 
 def _reason(error: JbclogError, target: Target) -> str:
@@ -122,16 +121,16 @@ def _seen(stations: Collection[StationMadeSafe], lease: StationLease) -> open_le
 # -- cooling ----------------------------------------------------------------------------------------------------------------
 
 
-def wait_until_cold(stations: Collection[StationMadeSafe], below_c: float, report: Report) -> float:
+def wait_until_cold(stations: Collection[StationMadeSafe], below_c: float, report: Report, access: PortAccess = SYSTEM) -> float:
     """Read the temperatures until all are below `below_c`, `COLD_WITHIN_S` at most; return the seconds that this took.
 
     Sets `temperature_c` and `is_cold` of each tool. A tool whose temperature cannot be read is not cold. A port is open only while
     it is read, so that others can use it.
     """
-    clock, waited = connection.means.clock, [made for made in stations if made.tools]
+    clock, waited = access.clock, [made for made in stations if made.tools]
     begun = reported_at = clock.monotonic()
     while True:
-        _look_at_all(waited, below_c)
+        _look_at_all(waited, below_c, access)
         warm = [
             f"{made.target.name} port {tool.port} {_celsius(tool)}" for made in waited for tool in made.tools if not tool.is_cold
         ]
@@ -141,16 +140,16 @@ def wait_until_cold(stations: Collection[StationMadeSafe], below_c: float, repor
         if now - reported_at >= REPORT_EVERY_S:
             reported_at = now
             report(f"waiting for {', '.join(warm)} to be below {below_c:g} °C")
-        connection.means.sleep(min(COLD_EVERY_S, begun + COLD_WITHIN_S - now))
+        access.sleep(min(COLD_EVERY_S, begun + COLD_WITHIN_S - now))
 
 
 def _celsius(tool: MadeSafe) -> str:
     return "(temperature not known)" if tool.temperature_c is None else f"({tool.temperature_c:g} °C)"
 
 
-def _look_at_all(stations: Collection[StationMadeSafe], below_c: float) -> None:
+def _look_at_all(stations: Collection[StationMadeSafe], below_c: float, access: PortAccess) -> None:
     """Read all stations in parallel; a port that hangs does not hold the others, and its tools are not cold."""
-    threads = [Thread(target=_look, args=(made, below_c), daemon=True) for made in stations]
+    threads = [Thread(target=_look, args=(made, below_c, access), daemon=True) for made in stations]
     for made, thread in zip(stations, threads, strict=True):
         for tool in made.tools:
             tool.is_cold, tool.temperature_c = False, None
@@ -160,11 +159,10 @@ def _look_at_all(stations: Collection[StationMadeSafe], below_c: float) -> None:
         thread.join(max(end - time.monotonic(), 0.0))
 
 
-def _look(made: StationMadeSafe, below_c: float) -> None:
-    means, ports = connection.means, tuple(tool.port for tool in made.tools)
-    steps = temperatures(made.target, made.model, ports)
+def _look(made: StationMadeSafe, below_c: float, access: PortAccess) -> None:
+    steps = temperatures(made.target, made.model, tuple(tool.port for tool in made.tools))
     try:
-        found = blocking.run(steps, lambda: _open(made.target), sleep=means.sleep, clock=means.clock)
+        found = access.run(steps, lambda: _open(made.target, access))
     except JbclogError:
         return
     for tool in made.tools:

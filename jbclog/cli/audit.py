@@ -15,6 +15,7 @@ from jbclog.cli.output import is_terminal, note, reports_errors
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
+    from jbclog.app.audit.survey import Survey
     from jbclog.cli.audit_end import End
     from jbclog.config.line import Line
     from jbclog.config.tasks_file import Task
@@ -57,6 +58,7 @@ HTML = typer.Option(None, "--html", metavar="FILE", help="Write an HTML page, on
 
 @reports_errors
 def audit(
+    ctx: typer.Context,
     line: list[Path] = LINES,
     ledger: Path | None = LEDGER,
     tasks: Path | None = typer.Option(
@@ -84,13 +86,16 @@ def audit(
     Example:
       jbclog audit --line line.toml --ledger counters.jsonl --tasks profiles/tasks/bench.toml --runs runs --html audit.html
     """
+    from jbclog.app.audit.survey import Survey
+
     if not line or ledger is None:
         raise UsageError("audit: give --line and --ledger")
     fatal = _findings(fail_on)
     lines = _lines(line)
     known = _tasks(tasks)
     check_files({"--html": html, "--csv": csv}, [ledger, *line, *([] if tasks is None else [tasks])])
-    end = _audited(lines, ledger, known, fatal, runs)
+    survey = Survey(access=options.port_access(ctx))
+    end = _audited(survey, lines, ledger, known, fatal, runs)
     end.write(html, csv)
     if end.code or not quiet:
         end.show(as_json=as_json)
@@ -139,23 +144,25 @@ def _findings(text: str | None) -> tuple[Finding, ...]:
 # -- survey -----------------------------------------------------------------------------------------------------------------
 
 
-def _audited(lines: Sequence[Line], ledger: Path, tasks: Sequence[Task], fail_on: Collection[Finding], runs: Path | None) -> End:
+def _audited(
+    survey: Survey, lines: Sequence[Line], ledger: Path, tasks: Sequence[Task], fail_on: Collection[Finding], runs: Path | None
+) -> End:
     from jbclog.app.audit.run_audit import audit_lines, fleet_audit
-    from jbclog.app.audit.survey import AT_ONCE, Survey
+    from jbclog.app.audit.survey import AT_ONCE
     from jbclog.cli.audit_end import End
     from jbclog.transport.event_loop import Signals
 
-    looking, received = Survey(), []
+    received: list[signal.Signals] = []
 
     def stop(number: signal.Signals) -> None:
         received.append(number)
-        looking.stop()
+        survey.stop()
 
     with Signals((signal.SIGINT, signal.SIGTERM)) as signals:
         signals.notify(stop)
         if is_terminal():
             note(f"reading {sum(len(one.stations) for one in lines)} stations, {AT_ONCE} at a time")
-        audited = audit_lines(lines, ledger, looking, _note_unseen, runs)
+        audited = audit_lines(lines, ledger, survey, _note_unseen, runs)
     return End(fleet_audit(audited, lines, tasks, runs), audited.trouble, fail_on, next(iter(received), None))
 
 

@@ -18,6 +18,7 @@ LINE = typer.Option(None, "--line", "-l", metavar="FILE", help="Line file: also 
 
 @reports_errors
 def doctor(
+    ctx: typer.Context,
     line: Path | None = LINE,
     out: Path = typer.Option(Path("runs"), "--out", "-o", metavar="DIR", help="Folder of runs to check."),
     as_json: bool = options.AS_JSON,
@@ -37,7 +38,7 @@ def doctor(
     loaded = load_line(line) if line else None
     if loaded and not as_json:
         note(f"checking the stations of {loaded.path}; one that does not answer takes up to 30 s")
-    looked = examine(loaded, out)
+    looked = examine(loaded, out, access=options.port_access(ctx))
     findings = [one for one in looked if not isinstance(one, Fine)]
     if as_json:
         echo_json({"fine": not findings, "looked": [_facts(one) for one in looked]})

@@ -15,7 +15,16 @@ from jbclog.cli.names import complete_station
 from jbclog.core.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
+    from jbclog.app.port_access import PortAccess
     from jbclog.app.run.plan import Metadata, RunOptions
+
+
+def port_access(ctx: typer.Context) -> PortAccess:
+    """Return the port access that the caller of the program set as the context's `obj`; else the system's."""
+    from jbclog.app.port_access import SYSTEM, PortAccess
+
+    return ctx.find_object(PortAccess) or SYSTEM
+
 
 # -- paths --------------------------------------------------------------------------------------------------------------------
 

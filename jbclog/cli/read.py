@@ -13,6 +13,7 @@ from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import StartRefused, UsageError
 
 if TYPE_CHECKING:
+    from jbclog.app.port_access import PortAccess
     from jbclog.session.manual.contact import Contact, Place, Target
     from jbclog.session.manual.read import ReadResult
 
@@ -21,6 +22,7 @@ NAME_WIDTH = 40
 
 @reports_errors
 def read(
+    ctx: typer.Context,
     station: str = options.STATION_NAMED,
     signal: str | None = typer.Argument(
         None, metavar="SIGNAL", help="Value; without it, lists the names.", show_default=False, autocompletion=complete_signal
@@ -46,31 +48,33 @@ def read(
 
     target = target_in(line, station)
     asked = Place(port, tool, condition)
+    access = options.port_access(ctx)
     if signal is None and not everything:
-        _list(target, asked, as_json=as_json)
+        _list(target, asked, access, as_json=as_json)
         return
     if signal is not None and everything:
         raise UsageError(f"give {signal!r} or --all, not both")
-    seen = _All(asked, as_json=as_json) if signal is None else _Named(signal, asked, as_json=as_json)
+    seen = _All(asked, access, as_json=as_json) if signal is None else _Named(signal, asked, access, as_json=as_json)
     seen.ask(target)
     if seen.failed:
         raise typer.Exit(StartRefused.exit_code)
 
 
-def _list(target: Target, asked: Place, *, as_json: bool) -> None:
+def _list(target: Target, asked: Place, access: PortAccess, *, as_json: bool) -> None:
     from jbclog.cli.values import print_names
     from jbclog.session.manual.names import readable
 
     if any(number is not None for number in asked):
         raise UsageError("--port, --tool and --condition require a name")
-    print_names(target, readable, as_json=as_json)
+    print_names(target, readable, access, as_json=as_json)
 
 
 class _Seen:
     """The readings so far: printed at once as lines, or collected for --json."""
 
-    def __init__(self, asked: Place, *, as_json: bool) -> None:
+    def __init__(self, asked: Place, access: PortAccess, *, as_json: bool) -> None:
         self.asked = asked
+        self.access = access
         self.failed = 0
         self._as_json = as_json
         self._facts: list[dict[str, object]] = []
@@ -84,7 +88,7 @@ class _Seen:
             note(f"note: {contact.stranger()}; read by the tables of {contact.family.name}")
         self._contact = contact
         if self._as_json:
-            self._facts.append(reading_facts(contact, reading, utc_of(reading.heard)))
+            self._facts.append(reading_facts(contact, reading, utc_of(reading.heard, self.access)))
         self.show(contact, reading)
 
     def show(self, contact: Contact, reading: ReadResult) -> None:
@@ -97,8 +101,8 @@ class _Seen:
 class _Named(_Seen):
     """One value, at one place or at several."""
 
-    def __init__(self, name: str, asked: Place, *, as_json: bool) -> None:
-        super().__init__(asked, as_json=as_json)
+    def __init__(self, name: str, asked: Place, access: PortAccess, *, as_json: bool) -> None:
+        super().__init__(asked, access, as_json=as_json)
         self._name = name
         self._places: list[Place] = []
 
@@ -111,7 +115,7 @@ class _Named(_Seen):
         command = find(self._name, target.family, readable)
         if target.family is not None:
             check_place(command, target.family, target.ports or target.family.ports, self.asked)
-        ask(target, read_value(target, self._name, self.asked, self.take))
+        ask(target, read_value(target, self._name, self.asked, self.take), self.access)
         if self._as_json:
             one = self._places and self._is_only_one(self._places[0])
             echo_json(self._facts[0] if one else {"station": target.name, "values": self._facts})
@@ -154,7 +158,7 @@ class _All(_Seen):
 
         if any(number is not None for number in self.asked):
             raise UsageError("--all reads every port and the connected tools: omit --port, --tool and --condition")
-        ask(target, read_all(target, self.take))
+        ask(target, read_all(target, self.take), self.access)
         if self._as_json:
             echo_json({"station": target.name, "values": self._facts})
         left_out = [f"{one.name} ({why_only_by_name(one)})" for one in only_by_name(self._contact.family)] if self._contact else []

@@ -25,6 +25,7 @@ ALREADY = {"stand": "already in stand", "sleep": "already asleep", "hibernation"
 
 @reports_errors
 def safe(
+    ctx: typer.Context,
     line: Path = options.LINE,
     wait: bool = typer.Option(False, "--wait", help="Wait until every tool is below --below, 30 min at most."),
     below: float | None = typer.Option(
@@ -58,7 +59,8 @@ def safe(
             for text in lines(made):
                 echo(text)
 
-    make_line_safe(loaded, done)
+    access = options.port_access(ctx)
+    make_line_safe(loaded, done, access)
     for folder in close_leases(stations):
         note(f"run {folder} left tools hot; noted in its record")
     for made in stations:
@@ -67,7 +69,7 @@ def safe(
         for text in troubles(made):
             note(f"error: {text}")
     limit_c = COLD_C if below is None else below
-    waited_s = wait_until_cold(stations, limit_c, note) if wait else None
+    waited_s = wait_until_cold(stations, limit_c, note, access) if wait else None
     if waited_s is not None:
         _print_wait(stations, limit_c, waited_s, as_json=as_json)
     code = _exit_code(stations)

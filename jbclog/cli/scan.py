@@ -188,6 +188,7 @@ _ADDRESSES = re.compile(r"(\d{1,2})(?:-(\d{1,2}))?", re.ASCII)
 
 @reports_errors
 def scan(
+    ctx: typer.Context,
     urls: list[str] = typer.Argument(
         None, metavar="URL", help="Device, socket://HOST:PORT or rfc2217://HOST:PORT; default: USB serial ports."
     ),
@@ -221,7 +222,7 @@ def scan(
         print_no_ports(as_json=as_json)
         raise typer.Exit(1)
     note(f"scanning {count_of(len(wanted), 'port')}, {max(plan.seconds for _, plan in wanted):.0f} s each at most")
-    reports = search(wanted, lambda report: print_progress(report, quiet=as_json))
+    reports = search(wanted, lambda report: print_progress(report, quiet=as_json), options.port_access(ctx))
     written = _write(write, reports)
     if as_json:
         echo_json(facts_of(reports, written))

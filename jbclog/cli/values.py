@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.app.connection import ask, utc_of
+from jbclog.app.port_access import PortAccess
 from jbclog.cli.output import echo_json, echo_table, note
 from jbclog.core.errors import StartRefused, Unsafe
 from jbclog.core.quantities import OFF, Value
@@ -73,9 +74,9 @@ def _entry_facts(entry: NameEntry) -> dict[str, object]:
 # -- names --------------------------------------------------------------------------------------------------------------------
 
 
-def print_names(target: Target, kind: CommandFilter, *, as_json: bool) -> None:
+def print_names(target: Target, kind: CommandFilter, access: PortAccess, *, as_json: bool) -> None:
     """Print every name of `kind` that the station has; identifies a station of family "auto" first."""
-    family = target.family or ask(target, open_contact(target)).family
+    family = target.family or ask(target, open_contact(target), access).family
     if as_json:
         echo_json(list_facts(target.name, family, kind))
         return
@@ -226,7 +227,7 @@ def _changed_state(written: WriteResult) -> str:
     return f"ordered {asked}, read back {found}: {why}"
 
 
-def written_facts(written: WriteResult, kept: Path | None) -> dict[str, object]:
+def written_facts(written: WriteResult, kept: Path | None, access: PortAccess) -> dict[str, object]:
     """Return a write as JSON data."""
     contact, command = _contact(written), _command(written)
 
@@ -244,7 +245,7 @@ def written_facts(written: WriteResult, kept: Path | None) -> dict[str, object]:
         "outcome": written.outcome,
         "problem": written.problem,
         "manual": command.manual,
-        "time": utc_of(contact.client.now),
+        "time": utc_of(contact.client.now, access),
         "snapshot": None if kept is None else str(kept),
         "exit_code": exit_code(written),
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC, date, datetime
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import StartRefused, UsageError
 
 if TYPE_CHECKING:
+    from jbclog.app.port_access import PortAccess
     from jbclog.maintenance.verification import Own, Verification
     from jbclog.session.manual.contact import Target
 
@@ -21,6 +22,7 @@ DISPLAY_C = (0.0, 600.0)
 
 @reports_errors
 def verify(
+    ctx: typer.Context,
     station: str = options.STATION_NAMED,
     line: Path = options.LINE,
     port: int = typer.Option(..., "--port", "-p", min=1, max=4, metavar="N", help="Port number.", show_default=False),
@@ -59,18 +61,13 @@ def verify(
     target = target_in(line, station)
     expires = _date(due)
     given = Given(station, port, reading, instrument, expires, tip, by, limit, instrument_u, remark)
-    verified(given, Own(reading), _now())  # report impossible values before anything is sent
-    own = _asked(target, port) if station_c is None else _typed(station_c)
-    kept, head = keep(out, verified(given, own, _now()))
+    access = options.port_access(ctx)
+    verified(given, Own(reading), access.now())  # report impossible values before anything is sent
+    own = _asked(target, port, access) if station_c is None else _typed(station_c)
+    kept, head = keep(out, verified(given, own, access.now()))
     _print(kept, head, target, line, out, as_json=as_json)
     if kept.result != "pass":
         raise typer.Exit(1)
-
-
-def _now() -> datetime:
-    from jbclog.app import connection
-
-    return datetime.fromtimestamp(connection.means.clock.utc(), UTC)
 
 
 def _check(texts: dict[str, str], remark: str) -> None:
@@ -96,13 +93,13 @@ def _typed(celsius: float) -> Own:
     return Own(celsius)
 
 
-def _asked(target: Target, port: int) -> Own:
+def _asked(target: Target, port: int, access: PortAccess) -> Own:
     """Read the station's own temperature, by queries only."""
     from jbclog.app.connection import ask
     from jbclog.maintenance.verification import own_of, unstable
     from jbclog.session.manual.read import read_tip
 
-    found = ask(target, read_tip(target, port))
+    found = ask(target, read_tip(target, port), access)
     why = unstable(found.temperatures, found.states, found.settings)
     if why is not None:
         raise StartRefused(f"{target.name} port {port}: {why}; not recorded. Repeat when the tip is stable at its setpoint")

@@ -14,6 +14,7 @@ from jbclog.cli.streams import never_wait
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
+    from jbclog.app.port_access import PortAccess
     from jbclog.session.manual.contact import Target
     from jbclog.session.manual.danger import Snapshot
     from jbclog.session.manual.write import WriteRequest
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 @reports_errors
 def write(
+    ctx: typer.Context,
     station: str = options.STATION_NAMED,
     setting: str | None = typer.Argument(
         None, metavar="SETTING", help="Setting; without it, lists the names.", show_default=False, autocompletion=complete_setting
@@ -71,15 +73,16 @@ def write(
     target = target_in(line, station)
     if yes_i_mean is not None and yes_i_mean != station:
         raise UsageError(f"--yes-i-mean {yes_i_mean}: must be {station}, the station to write; nothing sent")
+    access = options.port_access(ctx)
     if setting is None:
-        print_names(target, writable, as_json=as_json)
+        print_names(target, writable, access, as_json=as_json)
         return
     if snapshot is not None and snapshot.exists():
         raise UsageError(f"--snapshot {snapshot}: exists; nothing sent")
     change = WriteRequest(setting, value, Place(port, tool))
     _check(target, change, line, is_meant=yes_i_mean is not None)
     never_wait()
-    code = _Writing(target, change, line, snapshot, as_json=as_json).do()
+    code = _Writing(target, change, line, snapshot, access, as_json=as_json).do()
     raise typer.Exit(code)
 
 
@@ -107,13 +110,16 @@ def _check(target: Target, change: WriteRequest, line: Path, *, is_meant: bool) 
 class _Writing:
     """One write: sends it, prints the result and returns its exit code."""
 
-    def __init__(self, target: Target, change: WriteRequest, line: Path, snapshot: Path | None, *, as_json: bool) -> None:
+    def __init__(
+        self, target: Target, change: WriteRequest, line: Path, snapshot: Path | None, access: PortAccess, *, as_json: bool
+    ) -> None:
         from jbclog.session.manual.write import WriteResult
 
         self._target = target
         self._change = change
         self._line = line
         self._snapshot = snapshot
+        self._access = access
         self._as_json = as_json
         self._kept: Path | None = None
         self._written = WriteResult()
@@ -127,7 +133,7 @@ class _Writing:
             note(f"note: waiting up to {COMPLETION_S:g} s: the controller answers when the joint is done")
         steps = write_value(self._target, self._change, self._keep, self._written)
         try:
-            ask(self._target, steps, may_write=True)
+            ask(self._target, steps, self._access, may_write=True)
         except KeyboardInterrupt:
             if self._written.is_sent:
                 note("interrupted after the write was sent, before it was read back:")
@@ -138,7 +144,7 @@ class _Writing:
     def _keep(self, snapshot: Snapshot) -> None:
         from jbclog.app.connection import keep_snapshot
 
-        self._kept = keep_snapshot(snapshot, self._change.name, self._snapshot)
+        self._kept = keep_snapshot(snapshot, self._change.name, self._snapshot, self._access)
         conditions = [str(one.condition) for one in snapshot.settings if one.condition is not None]
         if conditions and len(conditions) == len(snapshot.settings):
             what = f"solder condition {', '.join(conditions)} of {snapshot.station}, and nothing else of it, saved"
@@ -151,7 +157,7 @@ class _Writing:
 
         written = self._written
         if self._as_json:
-            echo_json(written_facts(written, self._kept))
+            echo_json(written_facts(written, self._kept, self._access))
         elif written.is_fine:
             echo(result(written))
         if not written.is_fine:

@@ -14,7 +14,7 @@ from jbclog.config.tasks_file import Task
 from jbclog.core.errors import UsageError
 from jbclog.maintenance.counter_totals.observed import Count, Entry, Observation
 from jbclog.maintenance.counter_totals.span import Interval
-from jbclog.maintenance.counter_totals.totals import DOUBTFUL, CounterTotal, Difference, Kind, Trace, per_day
+from jbclog.maintenance.counter_totals.totals import DOUBTFUL, CounterTotal, Difference, DifferenceKind, Trace, per_day
 from jbclog.maintenance.counter_totals.tracing import History, Traces, histories, traces_of
 from jbclog.maintenance.due import TaskState, states_of
 from jbclog.maintenance.fleet import BEFORE, FLEET, Drift, FleetAudit, Meter, StationAudit
@@ -131,7 +131,7 @@ def _from_fleet(values: Sequence[Held], groups: Mapping[tuple[str, ...], Counter
 
 # -- fleet of ledger ----------------------------------------------------------------------------------------------------------
 
-NOTED = DOUBTFUL | {Kind.RESET, Kind.REPLACED}
+NOTED = DOUBTFUL | {DifferenceKind.RESET, DifferenceKind.REPLACED}
 
 
 def fleet_of(

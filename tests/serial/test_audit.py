@@ -16,6 +16,7 @@ from typer.testing import CliRunner, Result
 from jbclog.analysis.run import open_run
 from jbclog.app.audit import records, survey
 from jbclog.app.audit.questions import SurveyTarget
+from jbclog.app.port_access import PortAccess
 from jbclog.cli.app import app
 from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.maintenance.counter_totals.observed import Observation, Standing
@@ -149,8 +150,8 @@ def _note_opened(monkeypatch: pytest.MonkeyPatch, opened: list[str]) -> None:
     """Keep which stations' ports the audits come to have."""
     real = survey._open
 
-    def noted(wanted: SurveyTarget) -> Port:
-        port = real(wanted)
+    def noted(wanted: SurveyTarget, access: PortAccess) -> Port:
+        port = real(wanted, access)
         opened.append(wanted.target.name)
         return port
 

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from jbclog.app.audit import survey
 from jbclog.app.audit.questions import SurveyTarget
+from jbclog.app.port_access import PortAccess
 from jbclog.cli.app import app
 from jbclog.maintenance.counter_totals.observed import Observation
 from jbclog.maintenance.ledger import read_book
@@ -62,8 +63,8 @@ def when_open(monkeypatch: pytest.MonkeyPatch, act: Callable[[], None]) -> None:
     """Do that while the audit has the port, before it asks anything."""
     real = survey._open
 
-    def opened(wanted: SurveyTarget) -> Port:
-        port = real(wanted)
+    def opened(wanted: SurveyTarget, access: PortAccess) -> Port:
+        port = real(wanted, access)
         act()
         return port
 

@@ -13,14 +13,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from jbclog.app import connection
 from jbclog.app.audit.questions import SurveyTarget
 from jbclog.app.audit.records import PastRuns, past_runs, verified, with_never
 from jbclog.app.audit.survey import Observed, Survey
+from jbclog.app.connection import target_of
 from jbclog.config.line import Line, StationSpec
 from jbclog.config.tasks_file import Task
 from jbclog.core.durable_files import sha256
@@ -57,7 +56,7 @@ def audit_lines(lines: Sequence[Line], ledger: Path, survey: Survey, observed: O
 
     Raises `AuditInProgress` if another audit uses this ledger; then nothing was read.
     """
-    audited = Audited(utc(), Book(ledger))
+    audited = Audited(survey.utc(), Book(ledger))
     with ExitStack() as held:
         try:
             held.enter_context(auditing(ledger))
@@ -81,11 +80,6 @@ def audit_lines(lines: Sequence[Line], ledger: Path, survey: Survey, observed: O
         audited.book = replace(audited.book, entries=[*audited.book.entries, *audited.kept], head=head)
     audited.seen += list(_not_asked(wanted, audited))
     return audited
-
-
-def utc() -> str:
-    """Return the current time in the format of the ledger."""
-    return datetime.fromtimestamp(connection.means.clock.utc(), UTC).isoformat(timespec="milliseconds")
 
 
 def _read(ledger: Path, audited: Audited) -> Book:
@@ -131,7 +125,7 @@ def _wanted(lines: Sequence[Line], audited: Audited) -> list[SurveyTarget]:
         SurveyTarget(
             audited.time,
             line.name,
-            connection.target_of(line, station.name),
+            target_of(line, station.name),
             counted_until(looks.get((line.name, station.name), []), audited.time),
         )
         for line, station in _stations(lines)

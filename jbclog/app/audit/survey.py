@@ -15,19 +15,18 @@ import queue
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from threading import Event
 from typing import Final
 
-from jbclog.app import connection
 from jbclog.app.audit.questions import SurveyTarget, harmless_for, look
+from jbclog.app.port_access import SYSTEM, PortAccess
 from jbclog.core.errors import LinkError, PortBusy, StartRefused, StationError, unexpected_error_text
 from jbclog.core.io_requests import IoResult, Request, RunEnded, Steps, relay
 from jbclog.core.serial_line import PortAddress, port_address
 from jbclog.maintenance.counter_totals.observed import Observation
 from jbclog.record.port_owner import run_of, run_that_holds
-from jbclog.transport import blocking
 from jbclog.transport.port import Port
 from jbclog.transport.read_only import ReadOnly
 from jbclog.transport.system_ports import processes_text, sharers_of
@@ -40,7 +39,8 @@ Observed = Callable[[Observation], object]
 class Survey:
     """The reads of one audit. `stop` ends them within one response time; earlier observations have been passed on."""
 
-    def __init__(self, at_once: int = AT_ONCE) -> None:
+    def __init__(self, at_once: int = AT_ONCE, access: PortAccess = SYSTEM) -> None:
+        self.access = access
         self._at_once = at_once
         self._stop = Event()
         self._done: queue.SimpleQueue[Observation | None] = queue.SimpleQueue()
@@ -88,27 +88,39 @@ class Survey:
         except RunEnded:
             raise
         except Exception as error:
-            return wanted.unseen(_text(_now()), f"internal error, {unexpected_error_text(error)} (please report it)")
+            return wanted.unseen(self.utc(), f"internal error, {unexpected_error_text(error)} (please report it)")
 
     def _look(self, wanted: SurveyTarget) -> Observation:
         run = run_that_holds(wanted.target.url)
         if run is not None:
-            return _in_run(run, wanted)
+            return self._in_run(run, wanted)
         try:
             seen = self._ask(wanted)
         except PortBusy as busy:
             run = _run_with(busy.process) or run_that_holds(wanted.target.url)
-            return wanted.unseen(_text(_now()), str(busy)) if run is None else _in_run(run, wanted)
+            return wanted.unseen(self.utc(), str(busy)) if run is None else self._in_run(run, wanted)
         except (StartRefused, LinkError, StationError) as error:
-            return wanted.unseen(_text(_now()), str(error))
+            return wanted.unseen(self.utc(), str(error))
         if "://" not in wanted.target.url:
             return seen  # the lock of the port excludes runs
         run = run_that_holds(wanted.target.url)  # it may have begun meanwhile, behind a server that accepts two clients
-        return seen if run is None else _in_run(run, wanted)
+        return seen if run is None else self._in_run(run, wanted)
+
+    def _in_run(self, run: Path, wanted: SurveyTarget) -> Observation:
+        from jbclog.app.audit.records import observed_in  # loads pandas, which only this needs
+
+        return observed_in(run, wanted, self.access.now())
 
     def _ask(self, wanted: SurveyTarget) -> Observation:
-        steps = relay(look(wanted, utc_of), self._unless_stopped)
-        return blocking.run(steps, lambda: _open(wanted), sleep=connection.means.sleep, clock=connection.means.clock)
+        steps = relay(look(wanted, self._utc_of), self._unless_stopped)
+        return self.access.run(steps, lambda: _open(wanted, self.access))
+
+    def utc(self) -> str:
+        """Return the current time in the format of the ledger."""
+        return _text(self.access.now())
+
+    def _utc_of(self, moment: float) -> str:
+        return _text(self.access.utc_of(moment))
 
     def _unless_stopped(self, request: Request) -> Steps[IoResult]:
         if self.is_stopped:
@@ -129,33 +141,17 @@ def _by_port(wanted: Sequence[SurveyTarget]) -> list[list[SurveyTarget]]:
     return [group for _, group in groups]
 
 
-def _open(wanted: SurveyTarget) -> Port:
+def _open(wanted: SurveyTarget, access: PortAccess) -> Port:
     """Open the port for harmless reads. Refuses a port that another program has open, because that would lose its answers."""
     target = wanted.target
     sharers = sharers_of(target.url)
     if sharers:
         raise PortBusy(f"{target.url} is open in {processes_text(sharers)}; end that program", sharers[0])
-    return ReadOnly(connection.means.open_port(target.url, target.line), harmless_for(target.family))
-
-
-def _in_run(run: Path, wanted: SurveyTarget) -> Observation:
-    from jbclog.app.audit.records import observed_in  # loads pandas, which only this needs
-
-    return observed_in(run, wanted, _now())
+    return ReadOnly(access.open_port(target.url, target.line), harmless_for(target.family))
 
 
 def _run_with(process: int | None) -> Path | None:
     return None if process is None else run_of(process)
-
-
-def _now() -> datetime:
-    return datetime.fromtimestamp(connection.means.clock.utc(), UTC)
-
-
-def utc_of(moment: float) -> str:
-    """Convert a monotonic time of this process to UTC."""
-    clock = connection.means.clock
-    return _text(datetime.fromtimestamp(clock.utc() - clock.monotonic() + moment, UTC))
 
 
 def _text(moment: datetime) -> str:

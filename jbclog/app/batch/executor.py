@@ -12,7 +12,7 @@ from typing import Final, Protocol
 
 from jbclog.app.batch.journal import Journal
 from jbclog.app.batch.processes import ENDED_BY, AttemptResult, Processes
-from jbclog.app.batch.state import RECORDED, BatchState, Entry, JobState, Kind, Next, State, next_jobs
+from jbclog.app.batch.state import RECORDED, BatchState, Entry, EntryKind, JobState, Next, State, next_jobs
 from jbclog.config.job_order import OnFailure, Turn
 from jbclog.core.errors import UsageError
 from jbclog.core.outcome import Exit, RunFinding, exit_code
@@ -84,7 +84,7 @@ class BatchExecutor:
         running = self.settle()
         if running:
             raise UsageError(f"{', '.join(running)} of the batch of {self.state.begun} still runs; end it, or resume the batch")
-        self._note(Kind.FINISH, "Batch discarded: a new one starts in its place.")
+        self._note(EntryKind.FINISH, "Batch discarded: a new one starts in its place.")
 
     def work(self) -> Exit:
         """Carry out the batch as far as possible; return the exit code of the whole batch."""
@@ -99,7 +99,7 @@ class BatchExecutor:
     def _take_up(self) -> None:
         """Follow the jobs of the previous executor that still run, and write down the results of the others."""
         self.settle()
-        self._note(Kind.EXECUTION, "Batch resumed." if self.state.executions else "Batch started.")
+        self._note(EntryKind.EXECUTION, "Batch resumed." if self.state.executions else "Batch started.")
         for job in self.state.running():
             self._observer.message(f"{job.name} still runs, and is followed")
 
@@ -125,7 +125,7 @@ class BatchExecutor:
             self._follow(job)
         following = next_jobs(self._turns, self.state, self._timing.utc())
         for name, why in following.skip:
-            self._note(Kind.SKIP, f"{name} is skipped: {why}.", job=name)
+            self._note(EntryKind.SKIP, f"{name} is skipped: {why}.", job=name)
             self._observer.ended(self.state.jobs[name])
         for name in following.begin:
             self._start(self.state.jobs[name])
@@ -136,7 +136,7 @@ class BatchExecutor:
         if self._signal is None:
             return
         if self.state.ended_by is None:
-            self._note(Kind.SIGNAL, f"{self._signal.name} received: no more jobs start, running jobs end with safe tools.")
+            self._note(EntryKind.SIGNAL, f"{self._signal.name} received: no more jobs start, running jobs end with safe tools.")
             running = "; running jobs make their tools safe and end" if self.state.running() else ""
             self._observer.message(f"{self._signal.name}: no more jobs start{running}")
         for job in self.state.running():
@@ -149,7 +149,7 @@ class BatchExecutor:
         if attempt.run is None:
             run = self._processes.run(*_attempt(job))
             if run is not None:
-                self._note(Kind.RUN, f"{job.name} records into {run}.", job=job.name, attempt=attempt.number, run=run)
+                self._note(EntryKind.RUN, f"{job.name} records into {run}.", job=job.name, attempt=attempt.number, run=run)
         if not runs:
             result = self._processes.result(*_attempt(job))
             if result is not None:
@@ -157,7 +157,7 @@ class BatchExecutor:
 
     def _start(self, job: JobState) -> None:
         number = len(job.attempts) + 1
-        self._note(Kind.START, f"{job.name} is started{'' if number == 1 else ' again'}.", job=job.name, attempt=number)
+        self._note(EntryKind.START, f"{job.name} is started{'' if number == 1 else ' again'}.", job=job.name, attempt=number)
         try:
             self._processes.start(job.name, number)
         except OSError as error:
@@ -171,7 +171,7 @@ class BatchExecutor:
         self._journal.note(
             Entry(
                 "",
-                Kind.END,
+                EntryKind.END,
                 result.text,
                 job.name,
                 job.attempts[-1].number,
@@ -194,7 +194,7 @@ class BatchExecutor:
         was_cut_off = self.state.ended_by is not None or (is_old and (result.state is State.HALF or not result.is_begun))
         return was_cut_off or self.state.policies[job.name] is OnFailure.STOP
 
-    def _note(self, kind: Kind, text: str, job: str | None = None, attempt: int | None = None, run: str | None = None) -> None:
+    def _note(self, kind: EntryKind, text: str, job: str | None = None, attempt: int | None = None, run: str | None = None) -> None:
         self._journal.note(Entry("", kind, text, job, attempt, run=run))
 
     # -- end ----------------------------------------------------------------------------------------------------------------
@@ -202,7 +202,7 @@ class BatchExecutor:
     def _close(self) -> None:
         if self.state.is_open():
             why = "Batch interrupted" if self.state.ended_by is not None else f"Batch stopped: {self.state.stopped_by} failed"
-            self._note(Kind.CLOSE, f"{why}. Run the same command to resume.")
+            self._note(EntryKind.CLOSE, f"{why}. Run the same command to resume.")
 
     def finish(self) -> None:
         """Close a batch whose jobs have all ended; the next start begins a new one.
@@ -210,7 +210,7 @@ class BatchExecutor:
         Call it after the results were shown: after a kill in between, the next start must show them and repeat nothing.
         """
         if not self.state.is_open():
-            self._note(Kind.FINISH, "All jobs have ended.")
+            self._note(EntryKind.FINISH, "All jobs have ended.")
         self._journal.store.close()
 
     def exit_code(self) -> Exit:

@@ -14,13 +14,12 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from jbclog.app.batch.state import BatchState, Entry, Kind, batch_state
+from jbclog.app.batch.state import BatchState, Entry, EntryKind, batch_state
 from jbclog.app.batch.store import ADD_LINE, OLD_JOURNAL, BatchStore, import_files
 from jbclog.core.durable_files import LineChain, chain_in, fields_of, line_of, lines_in, sha256, sync_folder, write_whole
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.database import Database
-from jbclog.core.foreign.files import Kind as FileKind
-from jbclog.core.foreign.files import read_foreign
+from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.core.foreign.json_reader import builder
 
 _build_entry: Final = builder(Entry)
@@ -85,7 +84,7 @@ def newest(home: Path, utc: Callable[[], float]) -> Journal | None:
         journal = Journal(folder, utc)
         entries = entries_in(journal.store)
         _expect_all(folder, entries)
-        if any(entry.kind == Kind.EXECUTION for entry in entries):
+        if any(entry.kind == EntryKind.EXECUTION for entry in entries):
             journal.state = batch_state(entries)
             if not journal.state.is_finished and (folder / OLD_JOURNAL).exists():
                 _import(journal.store)
@@ -118,7 +117,7 @@ def _chain(lines: list[bytes]) -> LineChain[Entry]:
 
 def _old_lines(folder: Path) -> list[bytes]:
     """Return the lines of a journal of an earlier release, without a last one that a crash cut off."""
-    data = read_foreign(folder / OLD_JOURNAL, FileKind.JOURNAL)
+    data = read_foreign(folder / OLD_JOURNAL, Kind.JOURNAL)
     lines = lines_in(data)
     is_torn = bool(lines) and not data.endswith(b"\n") and _parsed(lines[-1]) is None
     return lines[:-1] if is_torn else lines
@@ -134,7 +133,7 @@ def _import(store: BatchStore) -> None:
 
 def _expect_all(folder: Path, entries: list[Entry]) -> None:
     """Raise `RecordError` for a job's folder without an entry: the entry is written first, so it was lost."""
-    known = {f"{entry.job}-{entry.attempt}" for entry in entries if entry.kind == Kind.START}
+    known = {f"{entry.job}-{entry.attempt}" for entry in entries if entry.kind == EntryKind.START}
     unknown = sorted(path.name for path in (folder / JOBS).glob("*") if path.name not in known)
     if unknown:
         text = f"its journal has no entry for jobs/{unknown[0]}, which was started: entries are missing; nothing was started"

@@ -14,7 +14,7 @@ from jbclog.app.batch.executor import BatchExecutor, BatchObserver, NullObserver
 from jbclog.app.batch.job_spec import BatchPlan
 from jbclog.app.batch.journal import JOBS_FILE, Journal, begin, home_of, iso, newest
 from jbclog.app.batch.processes import SystemProcesses
-from jbclog.app.batch.state import BatchState, Entry, JobState, Kind, State
+from jbclog.app.batch.state import BatchState, Entry, EntryKind, JobState, State
 from jbclog.config.job_order import Turn, Zone, due_times, in_turn
 from jbclog.core.errors import Problem, Problems, UsageError
 
@@ -95,10 +95,10 @@ def _begin(plan: BatchPlan, home: Path, timing: Timing, zone: Zone) -> Journal:
         raise Problems(problems)
     journal = begin(home, file.source.text, timing.utc)
     path = os.path.realpath(file.path)
-    journal.note(Entry("", Kind.BEGIN, f"A batch of {len(turns)} job{'' if len(turns) == 1 else 's'}.", asked=path))
+    journal.note(Entry("", EntryKind.BEGIN, f"A batch of {len(turns)} job{'' if len(turns) == 1 else 's'}.", asked=path))
     for job in file.jobs:
         moment = due.get(job.name)
-        entry = Entry("", Kind.JOB, "", job.name, asked=file.asked(job), on_failure=file.policy(job).value)
+        entry = Entry("", EntryKind.JOB, "", job.name, asked=file.asked(job), on_failure=file.policy(job).value)
         journal.note(replace(entry, due=None if moment is None else iso(moment)))
     return journal
 

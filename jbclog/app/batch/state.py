@@ -13,7 +13,7 @@ from jbclog.config.job_order import OnFailure, Turn
 # An entry is written before its action is taken.
 
 
-class Kind(StrEnum):
+class EntryKind(StrEnum):
     """The kind of a journal entry."""
 
     BEGIN = "begin"  # the batch: its jobs file
@@ -135,14 +135,14 @@ class BatchState:
     def take(self, entry: Entry) -> None:
         """Apply one more entry of the journal."""
         self.last = entry.time
-        if entry.kind == Kind.BEGIN:
+        if entry.kind == EntryKind.BEGIN:
             self.begun, self.file = entry.time, entry.asked or ""
-        elif entry.kind == Kind.EXECUTION:
+        elif entry.kind == EntryKind.EXECUTION:
             self._reopen()
-        elif entry.kind == Kind.SIGNAL:
+        elif entry.kind == EntryKind.SIGNAL:
             self.ended_by = entry.text
-        elif entry.kind in (Kind.CLOSE, Kind.FINISH):
-            self.is_finished, self.closing = entry.kind == Kind.FINISH, entry.text
+        elif entry.kind in (EntryKind.CLOSE, EntryKind.FINISH):
+            self.is_finished, self.closing = entry.kind == EntryKind.FINISH, entry.text
         elif entry.job is not None:
             self._of_job(entry, entry.job)
 
@@ -156,17 +156,17 @@ class BatchState:
 
     def _of_job(self, entry: Entry, name: str) -> None:
         job = self.jobs.setdefault(name, JobState(name))
-        if entry.kind == Kind.JOB:
+        if entry.kind == EntryKind.JOB:
             job.asked, job.due = entry.asked or "", _seconds(entry.due)
             self.policies[name] = OnFailure(entry.on_failure or OnFailure.STOP)
-        elif entry.kind == Kind.START:
+        elif entry.kind == EntryKind.START:
             job.state = State.RUNNING
             job.attempts.append(Attempt(entry.attempt or 1, entry.time))
-        elif entry.kind == Kind.RUN and job.last is not None:
+        elif entry.kind == EntryKind.RUN and job.last is not None:
             job.last.run = entry.run
-        elif entry.kind == Kind.SKIP:
+        elif entry.kind == EntryKind.SKIP:
             job.state, job.text = State.SKIPPED, entry.text
-        elif entry.kind == Kind.END and job.last is not None:
+        elif entry.kind == EntryKind.END and job.last is not None:
             self._end(job, job.last, entry)
 
     def _end(self, job: JobState, attempt: Attempt, entry: Entry) -> None:

@@ -20,7 +20,7 @@ import msgspec
 
 from jbclog.maintenance.counter_totals.observed import DRIFT, Identity
 from jbclog.maintenance.counter_totals.span import NOTHING, Interval, Reading, Span
-from jbclog.maintenance.counter_totals.totals import Join, Kind
+from jbclog.maintenance.counter_totals.totals import DifferenceKind, Join
 
 # -- judgement ----------------------------------------------------------------------------------------------------------------
 # What a difference is, before its text is made.
@@ -30,7 +30,7 @@ class Judged(msgspec.Struct, frozen=True, gc=False):
     """A span and what it means. `lost`: the advance between the last reading and the reset; for a loose join the whole advance."""
 
     span: Span
-    kind: Kind
+    kind: DifferenceKind
     rule: str
     join: Join = Join.ON
     turns: int = 0
@@ -60,7 +60,7 @@ def turned(span: Span, turns: int) -> Interval:
     return Interval(max(0.0, span.grown.low + by - step), span.grown.high + by + step)
 
 
-def loose(span: Span, rule: str, worked: Interval, kind: Kind = Kind.SUSPECT) -> Judged:
+def loose(span: Span, rule: str, worked: Interval, kind: DifferenceKind = DifferenceKind.SUSPECT) -> Judged:
     """Return a judgement of which only the bounds `worked` are known."""
     return Judged(span, kind, rule, Join.LOOSE, lost=worked, is_known=False)
 
@@ -112,23 +112,25 @@ def counted_on(span: Span) -> Judged:
     turns = span.turns(span.usual)
     if turns:
         return loose(span, "can_have_rolled_over", Interval(span.worked.low, turned(span, span.turns(span.most)[-1]).high))
-    return Judged(span, Kind.ZERO if span.is_unchanged else Kind.NORMAL, "unchanged" if span.is_unchanged else "went_on")
+    return Judged(
+        span, DifferenceKind.ZERO if span.is_unchanged else DifferenceKind.NORMAL, "unchanged" if span.is_unchanged else "went_on"
+    )
 
 
 def _rolled_over(span: Span, turns: range) -> Judged:
     if len(turns) == 1:
-        return Judged(span, Kind.ROLL_OVER, "fell_from_near_its_top", turns=1)
+        return Judged(span, DifferenceKind.ROLL_OVER, "fell_from_near_its_top", turns=1)
     possible = span.turns(span.most)
     if possible:
         worked = Interval(turned(span, 1).low, turned(span, possible[-1]).high)
-        return loose(span, "rolled_over_unknown_times", worked, Kind.ROLL_OVER)
+        return loose(span, "rolled_over_unknown_times", worked, DifferenceKind.ROLL_OVER)
     return loose(span, "fell_alone" if span.can_be_reset else "fell_to_what_cannot_be", Interval(0.0, max(0.0, span.most)))
 
 
 def _too_fast(span: Span) -> Judged:
     worked = Interval(0.0, max(span.worked.high, span.most))
     if span.trait.is_time:
-        return loose(span, "faster_than_time", worked, Kind.IMPOSSIBLE)
+        return loose(span, "faster_than_time", worked, DifferenceKind.IMPOSSIBLE)
     return loose(span, "faster_than_plausible", worked)
 
 
@@ -195,7 +197,7 @@ def by_companion(judged: Judged, others: Iterable[Judged], ratios: Ratios) -> Ju
     fitting = [turns for turns in possible if _fits(turned(span, turns), beside.delta, ratio)]
     if len(fitting) != 1:
         return judged
-    return Judged(span, Kind.ROLL_OVER if fitting[0] else Kind.NORMAL, "fits_its_companion", turns=fitting[0])
+    return Judged(span, DifferenceKind.ROLL_OVER if fitting[0] else DifferenceKind.NORMAL, "fits_its_companion", turns=fitting[0])
 
 
 def _beside(judged: Judged, others: Iterable[Judged]) -> Judged | None:
@@ -363,7 +365,7 @@ def _or_other(judged: Judged, unit: Unit) -> Judged:
     span = judged.span
     worked = Interval(0.0, max(judged.delta.high, span.at_most))
     if judged.rule in OF_RESET and unit is Unit.EITHER:
-        return loose(span, "reset_or_other_unit", worked, Kind.RESET)
+        return loose(span, "reset_or_other_unit", worked, DifferenceKind.RESET)
     if judged.rule in INEXPLICABLE:
         return loose(span, judged.rule, worked, judged.kind)
     return loose(span, "beside_what_cannot_be", worked)
@@ -372,7 +374,7 @@ def _or_other(judged: Judged, unit: Unit) -> Judged:
 def _across_another(span: Span, reset: Reset) -> Judged:
     """Judge a counter that was not read at the look before which the unit may have been exchanged."""
     if reset is Reset.YES and span.can_be_reset:
-        return loose(span, "reset_or_other_unit", Interval(0.0, span.at_most), Kind.RESET)
+        return loose(span, "reset_or_other_unit", Interval(0.0, span.at_most), DifferenceKind.RESET)
     return _beside_another(span)
 
 
@@ -429,7 +431,7 @@ def _across(span: Span, reset: Reset) -> Judged:
 def _was_reset(span: Span, rest_h: float, stated_h: float | None) -> Judged:
     rule = "stated_reset" if stated_h is not None else "fell_since" if span.fell else "reset_with_its_port"
     lost = Interval(0.0, _lost_at_most(span, rest_h, stated_h))
-    return Judged(span, Kind.RESET, rule, Join.FROM_ZERO, lost=lost, is_known=lost.high <= 0)
+    return Judged(span, DifferenceKind.RESET, rule, Join.FROM_ZERO, lost=lost, is_known=lost.high <= 0)
 
 
 def _lost_at_most(span: Span, rest_h: float, stated_h: float | None = None) -> float:

@@ -17,7 +17,7 @@ import msgspec
 from jbclog.maintenance.counter_totals.span import NOTHING, Interval
 
 
-class Kind(StrEnum):
+class DifferenceKind(StrEnum):
     """What a difference between two readings of a counter is; the values are in the audit's files."""
 
     NORMAL = "normal"
@@ -29,8 +29,8 @@ class Kind(StrEnum):
     SUSPECT = "suspect"
 
 
-DOUBTFUL: Final = frozenset({Kind.IMPOSSIBLE, Kind.SUSPECT})
-PLAIN: Final = frozenset({Kind.NORMAL, Kind.ZERO})
+DOUBTFUL: Final = frozenset({DifferenceKind.IMPOSSIBLE, DifferenceKind.SUSPECT})
+PLAIN: Final = frozenset({DifferenceKind.NORMAL, DifferenceKind.ZERO})
 
 
 class Difference(msgspec.Struct, frozen=True, gc=False):
@@ -46,7 +46,7 @@ class Difference(msgspec.Struct, frozen=True, gc=False):
     end: str
     before: float
     after: float
-    kind: Kind
+    kind: DifferenceKind
     rule: str
     text: str
     delta: Interval

@@ -41,7 +41,7 @@ from jbclog.maintenance.counter_totals.observed import (
     trait_of,
 )
 from jbclog.maintenance.counter_totals.span import LEAST_HOURS, NOTHING, Elapsed, Interval, Reading, Span, seconds, top_of
-from jbclog.maintenance.counter_totals.totals import Difference, Join, Kind, Point, Trace
+from jbclog.maintenance.counter_totals.totals import Difference, DifferenceKind, Join, Point, Trace
 
 # -- history ------------------------------------------------------------------------------------------------------------------
 # The entries of one station in the ledger, in order: its looks and its facts.
@@ -187,7 +187,7 @@ def difference(counter: Counter, before: Reading, after: Reading, begin: str, en
     is_unchanged = low <= 0 <= high
     rule = "unchanged" if is_unchanged else "went_on"
     worked = Interval(max(0.0, low - counter.step), max(0.0, high) + counter.step)
-    kind = Kind.ZERO if is_unchanged else Kind.NORMAL
+    kind = DifferenceKind.ZERO if is_unchanged else DifferenceKind.NORMAL
     return Difference(*counter.key, begin, end, before.shown.low, after.shown.low, kind, rule, RULES[rule], worked, is_known=True)
 
 
@@ -394,13 +394,15 @@ class _Pass:
             trace = Trace(*key, trait_of(key[1]).step, [Point(reading.look, time, reading.shown)])
             if rule is not None and key in self._of_other:
                 span = self._span(key, self._of_other[key], reading)
-                trace.aside.append(self._difference(Judged(span, Kind.REPLACED, rule)))
+                trace.aside.append(self._difference(Judged(span, DifferenceKind.REPLACED, rule)))
             self.traces.now[key], self._last[key] = trace, reading
 
     def _leave_out(self, key: Key, reading: Reading) -> None:
         if key in self.traces.now:
             span = self._span(key, self._last[key], reading)
-            self.traces.now[key].aside.append(self._difference(Judged(span, Kind.SUSPECT, "left_out", Join.LOOSE, is_known=False)))
+            self.traces.now[key].aside.append(
+                self._difference(Judged(span, DifferenceKind.SUSPECT, "left_out", Join.LOOSE, is_known=False))
+            )
 
     def _difference(self, one: Judged) -> Difference:
         span, looks = one.span, self.history.looks
@@ -414,6 +416,6 @@ class _Pass:
             kind=one.kind,
             rule=one.rule,
             text=RULES[one.rule],
-            delta=NOTHING if one.kind is Kind.REPLACED else one.delta,
+            delta=NOTHING if one.kind is DifferenceKind.REPLACED else one.delta,
             is_known=one.is_known,
         )

@@ -17,7 +17,7 @@ from markupsafe import Markup
 from jbclog import __version__
 from jbclog.core.text import clean, number, stamp, together
 from jbclog.maintenance.counter_totals.span import NOTHING, Interval
-from jbclog.maintenance.counter_totals.totals import Difference, Kind
+from jbclog.maintenance.counter_totals.totals import Difference, DifferenceKind
 from jbclog.maintenance.fleet import ABSENT, FLEET, TITLES, FleetAudit, Meter, StationAudit, UseFigure, Week
 from jbclog.report.audit import overview, plots
 from jbclog.report.audit.overview import listed, overview_of, span
@@ -161,7 +161,7 @@ def marks(audit: FleetAudit) -> list[CounterChange]:
 
 
 def _is_shown(one: Difference) -> bool:
-    return one.kind is not Kind.ROLL_OVER or not one.is_known
+    return one.kind is not DifferenceKind.ROLL_OVER or not one.is_known
 
 
 def turns(audit: FleetAudit) -> list[tuple[StationAudit, Meter, int]]:

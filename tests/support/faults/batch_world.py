@@ -15,7 +15,7 @@ from pathlib import Path
 from jbclog.app.batch.executor import BatchExecutor, NullObserver, Timing
 from jbclog.app.batch.journal import Journal, iso
 from jbclog.app.batch.processes import AttemptResult
-from jbclog.app.batch.state import Entry, Kind, State, batch_state
+from jbclog.app.batch.state import Entry, EntryKind, State, batch_state
 from jbclog.config.job_order import Turn, due_times, in_turn
 from jbclog.core.outcome import Exit
 
@@ -68,10 +68,10 @@ class World:
 
     def __post_init__(self) -> None:
         due = due_times(in_turn(self.turns), self.now, Utc())
-        self.disk.append(Entry(iso(self.now), Kind.BEGIN, "", asked="night.toml"))
+        self.disk.append(Entry(iso(self.now), EntryKind.BEGIN, "", asked="night.toml"))
         for turn in self.turns:
             moment = due.get(turn.name)
-            entry = Entry(iso(self.now), Kind.JOB, "", turn.name, asked="{}", on_failure=turn.on_failure.value)
+            entry = Entry(iso(self.now), EntryKind.JOB, "", turn.name, asked="{}", on_failure=turn.on_failure.value)
             self.disk.append(replace(entry, due=None if moment is None else iso(moment)))
 
     @contextmanager

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 from jbclog.maintenance.counter_totals.observed import Count, Errors, Identity, Observation
 from jbclog.maintenance.counter_totals.span import Interval
-from jbclog.maintenance.counter_totals.totals import Difference, Join, Kind, Point, Trace
+from jbclog.maintenance.counter_totals.totals import Difference, DifferenceKind, Join, Point, Trace
 
 NOW = datetime(2026, 11, 21, 6, 0, tzinfo=UTC)
 
@@ -39,14 +39,14 @@ def between(
     after: tuple[float, float],
     *,
     port: int = 1,
-    kind: Kind | None = None,
+    kind: DifferenceKind | None = None,
     delta: Interval | None = None,
     rule: str = "goes on",
     text: str = "It went on.",
 ) -> Difference:
     """One difference; of what kind and how much where it is not plain."""
     grown, fine = after[1] - before[1], 1.0 if counter.endswith("_h") else 0.0
-    plain = Kind.NORMAL if grown else Kind.ZERO
+    plain = DifferenceKind.NORMAL if grown else DifferenceKind.ZERO
     found = delta or Interval(max(grown - fine, 0.0), grown + fine)
     times = ago(before[0]), ago(after[0])
     return Difference(port, counter, *times, before[1], after[1], kind or plain, rule, text, found, found.width <= 2)

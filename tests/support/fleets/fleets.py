@@ -10,7 +10,7 @@ from math import inf
 
 from jbclog.maintenance.counter_totals.observed import Count, Errors, Fact, Identity
 from jbclog.maintenance.counter_totals.span import Interval
-from jbclog.maintenance.counter_totals.totals import Difference, Kind, Trace
+from jbclog.maintenance.counter_totals.totals import Difference, DifferenceKind, Trace
 from jbclog.maintenance.due import Due, State, TaskState
 from jbclog.maintenance.fleet import BEFORE, FLEET, Drift, FleetAudit, Meter, StationAudit
 from jbclog.maintenance.use import Past, use_of, weeks_of
@@ -135,7 +135,7 @@ def trouble() -> FleetAudit:
         "work_h",
         (7, 941),
         (0, 12),
-        kind=Kind.RESET,
+        kind=DifferenceKind.RESET,
         delta=Interval(12, 121),
         rule="fell together",
         text="Four counters of the port fell together: it was reset.",
@@ -144,7 +144,7 @@ def trouble() -> FleetAudit:
         "dispensed_cycles",
         (14, 99_917),
         (7, 44),
-        kind=Kind.ROLL_OVER,
+        kind=DifferenceKind.ROLL_OVER,
         delta=Interval(127, 127),
         rule="five digits",
         text="It fell alone, and with 100000 more it went on at its pace.",
@@ -153,7 +153,7 @@ def trouble() -> FleetAudit:
         "plugged_h",
         (7, 400),
         (0, 1220),
-        kind=Kind.IMPOSSIBLE,
+        kind=DifferenceKind.IMPOSSIBLE,
         delta=Interval(0, 169),
         rule="faster than time",
         text="820 h more in 168 h: nothing can count so.",
@@ -162,7 +162,7 @@ def trouble() -> FleetAudit:
         "dispensed_cycles",
         (7, 4000),
         (0, 31),
-        kind=Kind.SUSPECT,
+        kind=DifferenceKind.SUSPECT,
         delta=Interval(31, inf),
         rule="fell alone",
         text="It fell, and nothing tells why.",

@@ -1,7 +1,7 @@
 """Ports with a line format and real bits between both ends, in memory, on a clock that jumps.
 
 ``Cable(far_end, line)`` is a far end that speaks at `line`. What passes is what a receiver makes of the sender's bits
-(`jbclog.sim.links`), so a client at another rate or parity hears and says garbage; ``means({url: cable})`` is what
+(`jbclog.sim.links`), so a client at another rate or parity hears and says garbage; ``access_to({url: cable})`` is what
 `jbclog.app.discovery` opens ports with.
 """
 
@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
-from jbclog.app.discovery import Means
+from jbclog.app.port_access import PortAccess
 from jbclog.config.line import parse_line
 from jbclog.core.clock import VirtualClock
 from jbclog.core.errors import LinkError, PortMissing
@@ -97,8 +97,8 @@ class UartPort:
             raise LinkError(f"{self.url}: cannot be read; is it unplugged?")
 
 
-def means(cables: dict[str, Cable], clock: VirtualClock | None = None) -> Means:
-    """How these cables are opened."""
+def access_to(cables: dict[str, Cable], clock: VirtualClock | None = None) -> PortAccess:
+    """Access to these cables."""
     clock = clock or VirtualClock()
 
     def open_port(url: str, line: LineFormat) -> UartPort:
@@ -106,7 +106,7 @@ def means(cables: dict[str, Cable], clock: VirtualClock | None = None) -> Means:
             raise PortMissing(f"{url}: no such port; check that it is plugged in")
         return UartPort(url, cables[url], line, clock)
 
-    return Means(open_port, lambda seconds: clock.advance_to(clock.monotonic() + seconds), clock)
+    return PortAccess(open_port, lambda seconds: clock.advance_to(clock.monotonic() + seconds), clock)
 
 
 def station_cable(family: str, keys: str = "", sim: str = "", clock: VirtualClock | None = None) -> Cable:

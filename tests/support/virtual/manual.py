@@ -13,6 +13,7 @@ from pathlib import Path
 from typer.testing import CliRunner
 
 from jbclog.app import connection
+from jbclog.app.port_access import PortAccess
 from jbclog.cli.app import app
 from jbclog.config.line import StationSpec, parse_line
 from jbclog.core.clock import VirtualClock
@@ -109,7 +110,7 @@ class Ended:
 
 
 class Bench:
-    """A line file in `folder` and its virtual stations, which `read` and `write` find there while `means` is in force."""
+    """A line file in `folder` and its virtual stations, which `read` and `write` find there through `access`."""
 
     def __init__(self, folder: Path, *stations: str) -> None:
         self.line = folder / "line.toml"
@@ -118,9 +119,7 @@ class Bench:
         specs = parse_line(self.line.read_text(encoding="utf-8"), self.line).stations
         self.wires = {spec.name: Wire(spec, self.clock) for spec in specs}
         self._by_url = {spec.url: self.wires[spec.name] for spec in specs}
-        self.means = connection.Means(
-            self._open, lambda seconds: self.clock.advance_to(self.clock.monotonic() + seconds), self.clock
-        )
+        self.access = PortAccess(self._open, lambda seconds: self.clock.advance_to(self.clock.monotonic() + seconds), self.clock)
 
     def _open(self, url: str, line: LineFormat) -> MemoryPort:
         wire = self._by_url[url]
@@ -138,7 +137,7 @@ class Bench:
         """Call the program with these words, or with those of a call as it is told: ``jbclog write ...``."""
         if len(words) == 1:
             words = tuple(shlex.split(words[0])[1:])
-        ended = CliRunner().invoke(app, list(words))
+        ended = CliRunner().invoke(app, list(words), obj=self.access)
         if ended.exception is not None and not isinstance(ended.exception, SystemExit):
             raise ended.exception
         return Ended(ended.exit_code, ended.stdout, ended.stderr)

@@ -27,7 +27,6 @@ def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Make:
     def made(*stations: str) -> Bench:
         bench = Bench(tmp_path, *stations)
         monkeypatch.chdir(tmp_path)
-        monkeypatch.setattr(connection, "means", bench.means)
         monkeypatch.setattr(connection, "run_that_holds", lambda url: None)
         return bench
 

@@ -8,10 +8,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from jbclog.app import discovery, doctor
+from jbclog.app import doctor
+from jbclog.app.port_access import PortAccess
 from jbclog.cli.app import app
 from jbclog.core.serial_line import LineFormat
-from support.links.uart_ports import Cable, Silence, means, station_cable
+from support.links.uart_ports import Cable, Silence, access_to, station_cable
 
 LINE = '[line]\nname = "x"\n[[station]]\nname = "s-1"\nurl = "/dev/ttyJBC"\nfamily = "dde"\n'
 
@@ -26,8 +27,8 @@ def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path
 
 
-def said(*options: str) -> tuple[int, list[str]]:
-    ended = CliRunner().invoke(app, ["doctor", *options])
+def said(*options: str, access: PortAccess | None = None) -> tuple[int, list[str]]:
+    ended = CliRunner().invoke(app, ["doctor", *options], obj=access)
     return ended.exit_code, ended.stdout.splitlines()
 
 
@@ -39,25 +40,22 @@ def test_a_machine_where_everything_is_fine(place: Path) -> None:
     assert sorted(path.name for path in place.iterdir()) == ["line.toml"]
 
 
-def test_a_line_whose_station_answers(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(discovery, "SYSTEM", means({"/dev/ttyJBC": station_cable("dde")}))
-    code, lines = said("--line", "line.toml")
+def test_a_line_whose_station_answers(place: Path) -> None:
+    code, lines = said("--line", "line.toml", access=access_to({"/dev/ttyJBC": station_cable("dde")}))
     assert code == 0
     assert lines[2].startswith("fine     s-1: DDE answers at 19200 8N1, address 01 in 1.0 ms")
 
 
-def test_each_finding_has_its_step(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(discovery, "SYSTEM", means({"/dev/ttyJBC": Cable(Silence(), LineFormat())}))
-    code, lines = said("--line", "line.toml")
+def test_each_finding_has_its_step(place: Path) -> None:
+    code, lines = said("--line", "line.toml", access=access_to({"/dev/ttyJBC": Cable(Silence(), LineFormat())}))
     assert code == 1
     assert lines[2].startswith("FINDING  s-1 (/dev/ttyJBC): nothing answers in 12 line formats (19200 8N1")
     assert lines[3].startswith("  step   see that the station is on")
     assert lines[-1] == "1 finding"
 
 
-def test_json(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(discovery, "SYSTEM", means({}))
-    code, lines = said("--line", "line.toml", "--json")
+def test_json(place: Path) -> None:
+    code, lines = said("--line", "line.toml", "--json", access=access_to({}))
     told = json.loads("\n".join(lines))
     assert code == 1
     assert told["fine"] is False

@@ -273,9 +273,9 @@ def test_nothing_but_questions_can_go_out(make: Make) -> None:
         yield from contact.client.write(contact.family.commands["status"], (0, 0, 0, 0, 1), 1)
 
     with pytest.raises(WriteForbidden):
-        connection.ask(target, steps())
+        connection.ask(target, steps(), bench.access)
     assert bench.wires["dde-1"].writes == []
-    connection.ask(target, steps(), may_write=True)
+    connection.ask(target, steps(), bench.access, may_write=True)
     assert bench.wires["dde-1"].writes == ["WPS100001"]
     assert connection.only_reads_for(FAMILIES["omega"])(b"\x02A\x0341")
     assert not connection.only_reads_for(FAMILIES["omega"])(b"\x02H0065\x0313")

@@ -8,12 +8,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from jbclog.app import discovery
 from jbclog.cli.app import app
 from jbclog.cli.scan import _addresses, _ports
 from jbclog.core.errors import UsageError
 from jbclog.core.serial_line import LineFormat
-from support.links.uart_ports import Cable, Echo, Silence, means, station_cable
+from support.links.uart_ports import Cable, Echo, Silence, access_to, station_cable
 
 
 @pytest.mark.parametrize(
@@ -57,16 +56,15 @@ def test_what_is_no_url_of_a_port_is_wrong_usage(url: str, why: str) -> None:
     assert "A port is a device such as /dev/ttyUSB0, socket://HOST:PORT or rfc2217://HOST:PORT" in ended.stderr
 
 
-def said(monkeypatch: pytest.MonkeyPatch, cables: dict[str, Cable], *options: str) -> tuple[int, str]:
+def said(cables: dict[str, Cable], *options: str) -> tuple[int, str]:
     """Exit code and stdout of a scan of these cables' urls."""
-    monkeypatch.setattr(discovery, "SYSTEM", means(cables))
-    ended = CliRunner().invoke(app, ["scan", *options, *cables])
+    ended = CliRunner().invoke(app, ["scan", *options, *cables], obj=access_to(cables))
     return ended.exit_code, ended.stdout
 
 
-def test_a_station_is_told_in_a_few_lines_and_everything_that_was_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_station_is_told_in_a_few_lines_and_everything_that_was_sent() -> None:
     cable = station_cable("ucr", sim="tool = 9\nturnaround_ms = 2.0")
-    code, text = said(monkeypatch, {"/dev/ttyUSB0": cable})
+    code, text = said({"/dev/ttyUSB0": cable})
     assert code == 0
     assert text.splitlines()[:6] == [
         "/dev/ttyUSB0  UCR245, family ucr",
@@ -80,23 +78,23 @@ def test_a_station_is_told_in_a_few_lines_and_everything_that_was_sent(monkeypat
     assert "     2 × model, to address 01, at 19200 8N1: 02 30 30 30 31 52 53 4d 4e 03 02" in text
 
 
-def test_a_named_port_without_a_station_ends_with_1_and_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    code, text = said(monkeypatch, {"/dev/ttyUSB0": Cable(Echo(), None)})
+def test_a_named_port_without_a_station_ends_with_1_and_the_step() -> None:
+    code, text = said({"/dev/ttyUSB0": Cable(Echo(), None)})
     assert code == 1
     assert "  finding     each question comes back as it was sent" in text
     assert "  step        take the loop-back off" in text
 
 
-def test_what_there_was_no_time_for_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    code, text = said(monkeypatch, {"/dev/ttyUSB0": Cable(Silence(), LineFormat())}, "--seconds", "3")
+def test_what_there_was_no_time_for_is_named() -> None:
+    code, text = said({"/dev/ttyUSB0": Cable(Silence(), LineFormat())}, "--seconds", "3")
     assert code == 1
     assert "  not tried   " in text
     assert "115200 8E1" in text.partition("not tried")[2].splitlines()[0]
 
 
-def test_json_tells_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_json_tells_the_same() -> None:
     cable = station_cable("dde", "address = false", "robot_mode = false")
-    code, text = said(monkeypatch, {"/dev/ttyUSB0": cable}, "--json")
+    code, text = said({"/dev/ttyUSB0": cable}, "--json")
     told = json.loads(text)
     assert code == 1
     assert told["written"] is None
@@ -111,17 +109,17 @@ def test_json_tells_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     }
 
 
-def test_a_line_file_is_not_written_where_there_is_nothing_to_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_line_file_is_not_written_where_there_is_nothing_to_run(tmp_path: Path) -> None:
     file = tmp_path / "line.toml"
-    code, text = said(monkeypatch, {"/dev/ttyUSB0": station_cable("dde", sim="robot_mode = false")}, "--write", str(file))
+    code, text = said({"/dev/ttyUSB0": station_cable("dde", sim="robot_mode = false")}, "--write", str(file))
     assert code == 1
     assert not file.exists()
     assert f"not written: {file}; no station that jbclog can drive" in text
 
 
-def test_a_model_that_no_table_has_is_a_line_to_be_completed(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_model_that_no_table_has_is_a_line_to_be_completed(tmp_path: Path) -> None:
     file = tmp_path / "line.toml"
-    _, text = said(monkeypatch, {"/dev/ttyUSB0": station_cable("dde", sim='model = "DIE"')}, "--write", str(file))
+    _, text = said({"/dev/ttyUSB0": station_cable("dde", sim='model = "DIE"')}, "--write", str(file))
     assert '# model = "DIE"' in file.read_text()
     assert '# family = "..."' in file.read_text()
     assert "no station active yet: enter the family and remove the # before its lines." in text

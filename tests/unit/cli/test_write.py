@@ -356,7 +356,7 @@ def test_all_settings_are_kept_before_anything_is_sent(make: Make, tmp_path: Pat
 
 def test_two_snapshots_of_one_second_have_two_names(make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = make(dde())
-    monkeypatch.setattr(connection, "utc_of", lambda moment: "2026-11-21T01:30:00.000000Z")
+    monkeypatch.setattr(connection, "utc_of", lambda moment, access: "2026-11-21T01:30:00.000000Z")
     for _ in range(3):
         assert bench.do("write", "dde-1", "store", *MEANT).code == 0
     stem = "dde-1-settings-20261121T013000Z"
@@ -584,7 +584,7 @@ def test_a_port_that_is_in_use_names_the_run_of_whoever_has_it(
     def busy(url: str, line: LineFormat) -> Port:
         raise PortBusy(f"{url} is in use by process 4711 (jbclog)", 4711)
 
-    monkeypatch.setattr(connection, "means", replace(bench.means, open_port=busy))
+    bench.access = replace(bench.access, open_port=busy)
     monkeypatch.setattr(connection, "run_of", lambda process: Path.cwd() / run if run and process == 4711 else None)
     ended = bench.do("read", "dde-1", "model")
     assert (ended.code, told in ended.err) == (3, True)

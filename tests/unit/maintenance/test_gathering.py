@@ -10,7 +10,7 @@ import pytest
 from jbclog.config.tasks_file import parse_tasks
 from jbclog.maintenance.counter_totals.observed import Entry, Observation, Standing
 from jbclog.maintenance.counter_totals.span import Interval
-from jbclog.maintenance.counter_totals.totals import Kind
+from jbclog.maintenance.counter_totals.totals import DifferenceKind
 from jbclog.maintenance.due import State
 from jbclog.maintenance.fleet import FleetAudit, StationAudit
 from jbclog.maintenance.fleet_of_ledger import fleet_of
@@ -76,7 +76,7 @@ def test_a_reset_is_told_and_a_counter_that_was_never_read_too(ledger: Path) -> 
 def test_what_is_in_doubt_is_a_doubt_of_this_audit_only(ledger: Path) -> None:
     strange = seen(4 * WEEK, {"plugged_h": 5160, "work_h": 3900})
     one = row(ledger, [*LOOKS, strange], strange)
-    assert {doubt.kind for doubt in one.doubts} == {Kind.IMPOSSIBLE, Kind.SUSPECT}
+    assert {doubt.kind for doubt in one.doubts} == {DifferenceKind.IMPOSSIBLE, DifferenceKind.SUSPECT}
     after = seen(5 * WEEK, {"plugged_h": 5200, "work_h": 3100})
     later = row(ledger, [after], after)
     assert later.doubts == ()

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app import connection
 from jbclog.app.audit import survey
 from jbclog.maintenance.counter_totals.observed import Observation
 from support.virtual.audit_bench import MakeBench, See, wanted
@@ -16,9 +15,8 @@ def see(monkeypatch: pytest.MonkeyPatch) -> See:
     monkeypatch.setattr(survey, "run_that_holds", lambda url: None)
 
     def seen(bench: Bench) -> dict[str, Observation]:
-        monkeypatch.setattr(connection, "means", bench.means)
         found: list[Observation] = []
-        survey.Survey(at_once=1).all(wanted(bench), found.append)  # one clock for all of them
+        survey.Survey(at_once=1, access=bench.access).all(wanted(bench), found.append)  # one clock for all of them
         return {one.station: one for one in found}
 
     return seen

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.app import connection
 from jbclog.app.audit import survey
 from jbclog.app.audit.questions import SurveyTarget
 from jbclog.app.audit.records import observed_in
@@ -145,10 +144,9 @@ def test_a_record_that_cannot_be_read_is_said(tmp_path: Path) -> None:
 
 def test_what_goes_wrong_with_one_station_takes_no_other_with_it(bench: MakeBench, monkeypatch: pytest.MonkeyPatch) -> None:
     made = bench(station_text("dde-1", "dde"), station_text("dde-2", "dde"))
-    monkeypatch.setattr(connection, "means", made.means)
     monkeypatch.setattr(survey, "run_that_holds", lambda url: None if url.endswith("2") else {}["no"])
     found: list[Observation] = []
-    survey.Survey(at_once=1).all(wanted(made), found.append)
+    survey.Survey(at_once=1, access=made.access).all(wanted(made), found.append)
     assert [one.seen for one in found] == [False, True]
     assert "internal error, KeyError: 'no'" in found[0].why
 
@@ -160,11 +158,10 @@ def test_a_run_that_began_behind_a_server_of_ports_meanwhile_has_the_station(
     made = bench(station_text("ale-7", "ale"))
     url = "socket://127.0.0.1:4001"
     made._by_url[url] = made.wires["ale-7"]  # the same station, behind a server
-    monkeypatch.setattr(connection, "means", made.means)
     looks = iter([None, run.folder])
     monkeypatch.setattr(survey, "run_that_holds", lambda _: next(looks))
     found: list[Observation] = []
     target = replace(made.target("ale-7"), url=url)
-    survey.Survey(at_once=1).all([SurveyTarget(AUDIT, "hall", target)], found.append)
+    survey.Survey(at_once=1, access=made.access).all([SurveyTarget(AUDIT, "hall", target)], found.append)
     assert (found[0].seen, found[0].source) == (False, f"run:{run.folder}")
     assert made.wires["ale-7"].heard != []

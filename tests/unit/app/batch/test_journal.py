@@ -23,7 +23,7 @@ from jbclog.app.batch.journal import Journal, begin, entries_in, home_of, newest
 from jbclog.app.batch.processes import result_of
 from jbclog.app.batch.resume import PreparedBatch, prepare
 from jbclog.app.batch.single_batch import hold
-from jbclog.app.batch.state import Entry, Kind, State, batch_state
+from jbclog.app.batch.state import Entry, EntryKind, State, batch_state
 from jbclog.app.batch.store import NAME, OLD_JOURNAL, BatchStore
 from jbclog.config.job_order import SystemZone
 from jbclog.config.jobs_file import load_jobs
@@ -34,10 +34,10 @@ from support.command import BENCH, PROFILES
 NIGHT = 1_790_000_000.0
 RECIPE = PROFILES / "recipes" / "sac305-smd.toml"
 MEANS = Timing(lambda: NIGHT, lambda: None)
-EXECUTION = Entry("", Kind.EXECUTION, "Batch started.")
-START = Entry("", Kind.START, "a is started.", "a", 1)
-END = Entry("", Kind.END, "", "a", 1, "done", False, 0, "ACCEPT", "run-1")
-FINISH = Entry("", Kind.FINISH, "Every job has come to its end.")
+EXECUTION = Entry("", EntryKind.EXECUTION, "Batch started.")
+START = Entry("", EntryKind.START, "a is started.", "a", 1)
+END = Entry("", EntryKind.END, "", "a", 1, "done", False, 0, "ACCEPT", "run-1")
+FINISH = Entry("", EntryKind.FINISH, "Every job has come to its end.")
 TEXT = f"""[batch]
 line = "{BENCH}"
 [[job]]
@@ -121,7 +121,7 @@ def changed(folder: Path, *statements: str) -> None:
 
 
 def test_a_log_cut_off_anywhere_keeps_what_was_written_before(tmp_path: Path) -> None:
-    kinds = (Entry("", Kind.BEGIN, ""), replace(START, kind=Kind.JOB), EXECUTION, START, END, FINISH)
+    kinds = (Entry("", EntryKind.BEGIN, ""), replace(START, kind=EntryKind.JOB), EXECUTION, START, END, FINISH)
     journal = begun(tmp_path, *kinds)
     log = journal.folder / f"{NAME}-wal"
     whole, found = log.read_bytes(), []
@@ -184,7 +184,7 @@ def test_killed_at_any_statement_an_entry_is_written_or_not(tmp_path: Path, monk
     ],
 )
 def test_a_journal_that_was_changed_stops_everything(tmp_path: Path, change: str) -> None:
-    journal = begun(tmp_path, Entry("", Kind.BEGIN, ""), EXECUTION, START, END)
+    journal = begun(tmp_path, Entry("", EntryKind.BEGIN, ""), EXECUTION, START, END)
     changed(journal.folder, change)
     with pytest.raises(RecordError, match="nothing was started") as raised:
         newest(tmp_path, MEANS.utc)
@@ -192,7 +192,7 @@ def test_a_journal_that_was_changed_stops_everything(tmp_path: Path, change: str
 
 
 def test_a_store_that_is_damaged_stops_everything(tmp_path: Path) -> None:
-    journal = begun(tmp_path, Entry("", Kind.BEGIN, ""), EXECUTION, START, END)
+    journal = begun(tmp_path, Entry("", EntryKind.BEGIN, ""), EXECUTION, START, END)
     journal.store.close()
     path = journal.folder / NAME
     path.write_bytes(path.read_bytes()[:4096] + bytes(range(256)) * 64)
@@ -351,14 +351,14 @@ def test_what_will_be_done_is_told_for_each_job_and_nothing_is_done(bench: Bench
         ("b", "waits for its turn"),
     ]
     shift.journal.note(replace(END, state="half done", again=True))
-    shift.journal.note(Entry("", Kind.SKIP, "b is skipped.", "b"))
+    shift.journal.note(Entry("", EntryKind.SKIP, "b is skipped.", "b"))
     texts = [text for _, text in bench.take().next_steps()]
     assert texts == ["was half done: it is done again, as a new run", "stays skipped"]
 
 
 def test_a_run_that_the_journal_has_is_not_forgotten_with_the_papers_of_its_job(bench: Bench) -> None:
     journal = interrupted(bench)
-    journal.note(Entry("", Kind.RUN, "a records into run-1.", "a", 1, run="run-1"))
+    journal.note(Entry("", EntryKind.RUN, "a records into run-1.", "a", 1, run="run-1"))
     shift = bench.take(resume=True)
     text = next(text for _, text in shift.next_steps())
     assert text == "was cut off by a crash: run-1 is recovered and recorded as half done, and the job is done again"

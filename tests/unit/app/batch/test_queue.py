@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jbclog.app.batch.executor import BatchExecutor
-from jbclog.app.batch.state import RECORDED, BatchState, Kind, State, batch_state, next_jobs
+from jbclog.app.batch.state import RECORDED, BatchState, EntryKind, State, batch_state, next_jobs
 from jbclog.config.job_order import At, OnFailure, Turn, circle, in_turn, read_at
 from jbclog.core.outcome import Exit
 from support.faults.batch_world import CRASH, NIGHT, STILLBORN, Fate, Killed, World
@@ -81,7 +81,7 @@ def test_stop_begins_nothing_more_and_lets_what_runs_run() -> None:
     bench = world(turn("a", "s1", on_failure=STOP), turn("b", "s2"), turn("c", "s1"), a=Fate(3, 2.0))
     assert bench.executor().work() is Exit.STATION
     assert states(bench) == {"a": "failed", "b": "done", "c": "waiting"}
-    assert bench.disk[-1].kind == Kind.CLOSE
+    assert bench.disk[-1].kind == EntryKind.CLOSE
 
 
 def test_started_again_a_line_that_was_stopped_does_what_stopped_it_and_the_rest() -> None:
@@ -90,7 +90,7 @@ def test_started_again_a_line_that_was_stopped_does_what_stopped_it_and_the_rest
     assert bench.executor().work() is Exit.FINE
     assert starts(bench) == ["a", "b", "a", "c"]
     assert states(bench) == dict.fromkeys("abc", "done")
-    assert bench.disk[-1].kind == Kind.FINISH
+    assert bench.disk[-1].kind == EntryKind.FINISH
 
 
 def test_a_rejected_job_that_stopped_the_line_was_made_and_is_not_made_again() -> None:
@@ -106,7 +106,7 @@ def test_skip_leaves_out_what_waits_for_it_and_what_waits_for_that() -> None:
     )
     assert bench.executor().work() is Exit.RECORD
     assert states(bench) == {"a": "failed", "b": "skipped", "c": "skipped", "d": "done"}
-    assert bench.disk[-1].kind == Kind.FINISH
+    assert bench.disk[-1].kind == EntryKind.FINISH
 
 
 def test_continue_goes_on_as_if() -> None:
@@ -160,7 +160,7 @@ def test_the_only_job_cut_short_is_left_to_be_gone_on_with(policy: OnFailure) ->
     executor = bench.executor()
     bench.watch = lambda name: executor.interrupt(signal.SIGTERM)
     assert executor.work() is Exit.TERMINATED
-    assert bench.disk[-1].kind == Kind.CLOSE
+    assert bench.disk[-1].kind == EntryKind.CLOSE
     bench.watch = lambda name: None
     assert bench.executor().work() is Exit.FINE
     assert starts(bench) == ["a", "a"]
@@ -286,7 +286,7 @@ def expect_its_turn(bench: World, turns: list[Turn], name: str) -> None:
 def expect_one_end_each(bench: World, turns: list[Turn]) -> None:
     state = batch_state(bench.disk)
     assert state.is_finished
-    assert bench.disk[-1].kind == Kind.FINISH
+    assert bench.disk[-1].kind == EntryKind.FINISH
     done = Counter(process.name for process in bench.processes if process.comes_to in (0, 1))
     for one in turns:
         job = state.jobs[one.name]
@@ -298,7 +298,7 @@ def expect_one_end_each(bench: World, turns: list[Turn]) -> None:
         for process in tried:
             recorded = told[process.attempt].state in RECORDED
             assert recorded == (process.comes_to in (0, 1))
-        assert (job.state is State.SKIPPED) == (one.name in {entry.job for entry in bench.disk if entry.kind == Kind.SKIP})
+        assert (job.state is State.SKIPPED) == (one.name in {entry.job for entry in bench.disk if entry.kind == EntryKind.SKIP})
 
 
 @settings(deadline=None, max_examples=8)

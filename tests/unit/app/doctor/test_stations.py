@@ -10,7 +10,7 @@ from jbclog.app.doctor import Fine, Looked, look_at_stations
 from jbclog.config.line import parse_line
 from jbclog.core.serial_line import LineFormat
 from jbclog.session.discovery.found import ScanFinding
-from support.links.uart_ports import Cable, Echo, Silence, means, station_cable
+from support.links.uart_ports import Cable, Echo, Silence, access_to, station_cable
 from support.oracles.printed_omega import PageOmega
 
 PLACE = Path("/place/line.toml")
@@ -19,7 +19,7 @@ PLACE = Path("/place/line.toml")
 def looked_at(cable: Cable | None, family: str = "dde", keys: str = "", url: str = "/dev/far") -> list[Looked]:
     """What doctor says of one station that the line file describes so, with `cable` at its port."""
     line = parse_line(f'[line]\nname = "x"\n[[station]]\nname = "s-1"\nurl = "{url}"\nfamily = "{family}"\n{keys}\n', PLACE)
-    return look_at_stations(line, means=means({} if cable is None else {line.stations[0].url: cable}))
+    return look_at_stations(line, access=access_to({} if cable is None else {line.stations[0].url: cable}))
 
 
 def finding(looked: list[Looked]) -> ScanFinding:

@@ -10,7 +10,7 @@ import pytest
 from jbclog.config.task_names import REPLACED, RESET
 from jbclog.maintenance.counter_totals.judging import RULES
 from jbclog.maintenance.counter_totals.span import Elapsed, Interval
-from jbclog.maintenance.counter_totals.totals import Kind
+from jbclog.maintenance.counter_totals.totals import DifferenceKind
 from support.fleets.looks import WHO, at, last, rules, seen, series, told, traced
 
 DAY, WEEK = 24.0, 168.0
@@ -26,12 +26,12 @@ def test_whole_hours_are_one_hour_wide_over_however_many_looks() -> None:
 def test_counts_are_exact() -> None:
     trace = series(DAY, plugged_h=[5000, 5008, 5016], sleep_cycles=[700, 731, 731])["sleep_cycles"]
     assert trace.counter_total.total == Interval(31, 31)
-    assert [one.kind for one in trace.differences] == [Kind.NORMAL, Kind.ZERO]
+    assert [one.kind for one in trace.differences] == [DifferenceKind.NORMAL, DifferenceKind.ZERO]
 
 
 def test_two_audits_within_a_minute_differ_in_nothing() -> None:
     traces = series(1 / 60, plugged_h=[5000, 5000], work_h=[3000, 3001], sleep_cycles=[700, 700])
-    assert [one.differences[0].kind for one in traces.values()] == [Kind.ZERO, Kind.NORMAL, Kind.ZERO]
+    assert [one.differences[0].kind for one in traces.values()] == [DifferenceKind.ZERO, DifferenceKind.NORMAL, DifferenceKind.ZERO]
     assert traces["plugged_h"].counter_total.total == Interval(0, 1)
     assert all(one.counter_total.is_known for one in traces.values())
 
@@ -41,12 +41,12 @@ def test_one_that_falls_alone_from_near_its_top_rolled_over() -> None:
     assert rules(trace) == ["fell_from_near_its_top", "went_on"]
     assert trace.counter_total.total == Interval(40, 40)
     assert trace.counter_total.is_known
-    assert [one.kind for one in trace.counter_total.marks] == [Kind.ROLL_OVER]
+    assert [one.kind for one in trace.counter_total.marks] == [DifferenceKind.ROLL_OVER]
 
 
 def test_hours_roll_over_after_99999() -> None:
     trace = series(WEEK, plugged_h=[99_950, 70], work_h=[50_000, 50_080])["plugged_h"]
-    assert (last(trace).kind, last(trace).delta) == (Kind.ROLL_OVER, Interval(119, 121))
+    assert (last(trace).kind, last(trace).delta) == (DifferenceKind.ROLL_OVER, Interval(119, 121))
 
 
 def test_a_length_rolls_over_after_five_hexadecimal_digits() -> None:
@@ -58,13 +58,13 @@ def test_a_length_rolls_over_after_five_hexadecimal_digits() -> None:
 
 def test_a_length_wider_than_five_digits_rolls_over_later() -> None:
     trace = series(DAY, plugged_h=[5000, 5008], work_h=[3000, 3006], dispensed_mm=[104_000.0, 112_000.0])["dispensed_mm"]
-    assert (last(trace).kind, last(trace).is_known) == (Kind.NORMAL, True)
+    assert (last(trace).kind, last(trace).is_known) == (DifferenceKind.NORMAL, True)
 
 
 def test_several_that_fall_together_were_reset_or_are_a_hardly_used_unit() -> None:
     """A unit that had worked 15 h elsewhere shows the same: so what it shows is no lower bound."""
     traces = series(WEEK, plugged_h=[5000, 5040, 30], work_h=[3000, 3020, 20], sleep_cycles=[700, 800, 9])
-    assert {last(one).kind for one in traces.values()} == {Kind.RESET}
+    assert {last(one).kind for one in traces.values()} == {DifferenceKind.RESET}
     work = last(traces["work_h"])
     assert (work.rule, work.is_known, work.delta) == ("reset_or_other_unit", False, Interval(0, WEEK * 1.01))
     assert last(traces["sleep_cycles"]).delta == Interval(0, WEEK * 1.01 * 60)
@@ -94,7 +94,7 @@ def test_a_port_is_reset_for_certain_where_its_neighbour_shows_the_same_unit() -
 
 def test_one_that_falls_alone_while_others_rule_a_reset_out_is_suspect() -> None:
     traces = series(WEEK, plugged_h=[5000, 5040], work_h=[3000, 20])
-    assert (last(traces["work_h"]).kind, last(traces["work_h"]).rule) == (Kind.SUSPECT, "fell_alone")
+    assert (last(traces["work_h"]).kind, last(traces["work_h"]).rule) == (DifferenceKind.SUSPECT, "fell_alone")
     assert last(traces["plugged_h"]).rule == "beside_what_cannot_be"  # it may be another unit's
 
 
@@ -134,13 +134,13 @@ def test_a_port_is_reset_and_its_neighbour_is_not() -> None:
         seen(WEEK, {"1.plugged_h": 30, "1.work_h": 20, "2.plugged_h": 9040, "2.work_h": 8020}),
     ]
     now = traced(looks).now
-    assert {key[0]: last(trace).kind for key, trace in now.items()} == {1: Kind.RESET, 2: Kind.NORMAL}
+    assert {key[0]: last(trace).kind for key, trace in now.items()} == {1: DifferenceKind.RESET, 2: DifferenceKind.NORMAL}
 
 
 def test_a_reset_that_nothing_shows_is_not_ruled_out_and_bounds_both() -> None:
     """Nobody looked for half a year: all that is shown can have been counted since a reset."""
     trace = series(4380, plugged_h=[100, 900], work_h=[50, 450])["work_h"]
-    assert (last(trace).kind, last(trace).rule, last(trace).is_known) == (Kind.NORMAL, "can_hide_reset", False)
+    assert (last(trace).kind, last(trace).rule, last(trace).is_known) == (DifferenceKind.NORMAL, "can_hide_reset", False)
     assert last(trace).delta.low == 399
     assert last(trace).delta.high > 450
 
@@ -152,7 +152,11 @@ def test_half_a_year_unseen_is_known_where_hours_rule_a_reset_out() -> None:
 
 def test_how_often_it_rolled_over_while_nobody_looked_is_not_known_and_bounded() -> None:
     trace = series(4380, plugged_h=[9000, 12_000], work_h=[5000, 7400], dispensed_mm=[100_000.0, 20_000.0])["dispensed_mm"]
-    assert (last(trace).kind, last(trace).rule, last(trace).is_known) == (Kind.ROLL_OVER, "rolled_over_unknown_times", False)
+    assert (last(trace).kind, last(trace).rule, last(trace).is_known) == (
+        DifferenceKind.ROLL_OVER,
+        "rolled_over_unknown_times",
+        False,
+    )
     assert last(trace).delta.low == pytest.approx(24_857.5)
     assert math.isfinite(last(trace).delta.high)
 
@@ -171,7 +175,7 @@ def test_what_goes_with_it_tells_how_often_it_rolled_over() -> None:
 
 def test_hours_that_are_more_than_time_are_impossible() -> None:
     traces = series(DAY, plugged_h=[5000, 5026], work_h=[3000, 3008])
-    assert (last(traces["plugged_h"]).kind, last(traces["plugged_h"]).rule) == (Kind.IMPOSSIBLE, "faster_than_time")
+    assert (last(traces["plugged_h"]).kind, last(traces["plugged_h"]).rule) == (DifferenceKind.IMPOSSIBLE, "faster_than_time")
     assert last(traces["plugged_h"]).delta.low == 0
     assert last(traces["work_h"]).rule == "beside_what_cannot_be"
 
@@ -185,7 +189,7 @@ def test_at_its_last_number_nobody_knows_whether_it_stands() -> None:
         "sleep_cycles"
     ]
     assert rules(trace) == ["stands_at_top", "stands_at_top"]
-    assert {one.kind for one in trace.differences} == {Kind.SUSPECT}
+    assert {one.kind for one in trace.differences} == {DifferenceKind.SUSPECT}
 
 
 def test_a_moving_counter_is_an_interval_and_the_next_reading_ends_it() -> None:
@@ -202,21 +206,21 @@ def test_an_unread_counter_is_skipped() -> None:
 def test_a_reset_while_a_counter_was_not_read_is_not_missed() -> None:
     shown = {"plugged_h": [5000, 30, 60], "work_h": [3000, 20, 40], "sleep_cycles": [3, None, 90]}
     traces = series(WEEK, **shown)
-    assert (last(traces["sleep_cycles"]).kind, last(traces["sleep_cycles"]).delta.low) == (Kind.RESET, 0)
+    assert (last(traces["sleep_cycles"]).kind, last(traces["sleep_cycles"]).delta.low) == (DifferenceKind.RESET, 0)
     traces = series(WEEK, told(2, RESET), **shown)
-    assert (last(traces["sleep_cycles"]).kind, last(traces["sleep_cycles"]).delta.low) == (Kind.RESET, 90)
+    assert (last(traces["sleep_cycles"]).kind, last(traces["sleep_cycles"]).delta.low) == (DifferenceKind.RESET, 90)
 
 
 def test_a_reading_that_fits_neither_side_is_left_out_and_told() -> None:
     trace = series(DAY, plugged_h=[5000, 5008, 5016, 5024], work_h=[3000, 3006, 3900, 3018])["work_h"]
     assert (trace.counter_total.total, trace.counter_total.is_known) == (Interval(17, 19), True)
-    assert [(one.kind, one.rule) for one in trace.counter_total.marks] == [(Kind.SUSPECT, "left_out")]
+    assert [(one.kind, one.rule) for one in trace.counter_total.marks] == [(DifferenceKind.SUSPECT, "left_out")]
 
 
 def test_a_wrong_digit_soon_after_a_reset_is_left_out() -> None:
     shown = {"plugged_h": [5000, 10, 18, 26], "work_h": [3000, 8, 9014, 20]}
     trace = series(DAY, told(20, RESET), **shown)["work_h"]
-    assert [one.rule for one in trace.counter_total.marks if one.kind is Kind.SUSPECT] == ["left_out"]
+    assert [one.rule for one in trace.counter_total.marks if one.kind is DifferenceKind.SUSPECT] == ["left_out"]
     assert last(trace).delta.low == 11
 
 
@@ -276,7 +280,7 @@ def test_a_stated_reset_is_not_believed_against_the_counters() -> None:
 def test_a_clock_that_was_set_back_is_in_doubt_until_a_later_audit() -> None:
     looks = [seen(hour, {"plugged_h": shown, "work_h": 3000}) for hour, shown in ((0, 5000), (24, 5008), (-400, 5016))]
     last_one = last(traced(looks).now[1, "plugged_h"])
-    assert (last_one.kind, last_one.rule, last_one.delta.low) == (Kind.SUSPECT, "clock_ran_back", 0)
+    assert (last_one.kind, last_one.rule, last_one.delta.low) == (DifferenceKind.SUSPECT, "clock_ran_back", 0)
     looks.append(seen(72, {"plugged_h": 5024, "work_h": 3000}))
     trace = traced(looks).now[1, "plugged_h"]
     assert (trace.counter_total.total, trace.counter_total.is_known) == (Interval(23, 25), True)

@@ -35,7 +35,6 @@ def _walk(*chosen: tuple[Family, Command]) -> pytest.MarkDecorator:
 def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, family: Family) -> Bench:
     """A station of the family on a wire without time, its tools cold; it has been on for a while."""
     made = Bench(tmp_path, station_text("it", family.name, sim="wire = false"))
-    monkeypatch.setattr(connection, "means", made.means)
     monkeypatch.setattr(connection, "run_that_holds", lambda url: None)
     return made
 
@@ -47,7 +46,7 @@ def place_of(command: Command) -> Place:
 def readings(bench: Bench, name: str, place: Place = WHOLE_STATION) -> list[tuple[Contact, ReadResult]]:
     found: list[tuple[Contact, ReadResult]] = []
     target = bench.target("it")
-    connection.ask(target, read_value(target, name, place, lambda contact, reading: found.append((contact, reading))))
+    connection.ask(target, read_value(target, name, place, lambda contact, reading: found.append((contact, reading))), bench.access)
     return found
 
 
@@ -70,7 +69,7 @@ def test_it_is_read_by_name_at_every_place(bench: Bench, family: Family, command
 def test_all_of_it_is_read_at_once_but_what_that_would_clear(bench: Bench, family: Family) -> None:
     found: list[ReadResult] = []
     target = bench.target("it")
-    connection.ask(target, read_all(target, lambda contact, reading: found.append(reading)))
+    connection.ask(target, read_all(target, lambda contact, reading: found.append(reading)), bench.access)
     assert [reading.problem for reading in found if reading.value is None] == []
     left_out = {command.name for command in only_by_name(family)}
     assert {reading.command.name for reading in found} | left_out == {c.name for c in family.commands.values() if c.readable}
@@ -86,7 +85,7 @@ def test_it_is_written_by_name_once_and_read_back(bench: Bench, family: Family, 
     target, written = bench.target("it"), WriteResult()
     before = len(bench.wires["it"].writes)
     change = WriteRequest(command.name, text, Place(port))
-    connection.ask(target, write_value(target, change, kept.append, written), may_write=True)
+    connection.ask(target, write_value(target, change, kept.append, written), bench.access, may_write=True)
     assert written.outcome in (WriteOutcome.CONFIRMED, WriteOutcome.SENT), written.problem
     sent = bench.wires["it"].writes[before:]
     assert len(sent) == 1

@@ -16,14 +16,14 @@ from jbclog.session.discovery.diagnosis import diagnose
 from jbclog.session.discovery.found import ADDRESSES, THOROUGH, USUAL, PortReport, ScanPlan, StationFound, Trial, plan_for
 from jbclog.session.discovery.probe import is_harmless
 from support.clients.talk import framed
-from support.links.uart_ports import Cable, Coming, Echo, Silence, means, station_cable
+from support.links.uart_ports import Cable, Coming, Echo, Silence, access_to, station_cable
 from support.oracles.printed_omega import PageOmega
 
 ALL = tuple(dict.fromkeys((*ADDRESSES, *range(1, 100))))
 
 
 def scanned(cable: Cable, plan: ScanPlan | None = None, clock: VirtualClock | None = None) -> PortReport:
-    (report,) = search([("port", plan or ScanPlan())], means=means({"port": cable}, clock))
+    (report,) = search([("port", plan or ScanPlan())], access=access_to({"port": cable}, clock))
     return report
 
 
@@ -264,7 +264,7 @@ def test_nobody() -> None:
 
 
 def test_no_port() -> None:
-    (report,) = search([("elsewhere", ScanPlan())], means=means({}))
+    (report,) = search([("elsewhere", ScanPlan())], access=access_to({}))
     assert isinstance(report.broken, PortMissing)
     assert kinds(report) == ["port.missing"]
     assert diagnose(report)[0].what == "no such port"

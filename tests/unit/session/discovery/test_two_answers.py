@@ -16,13 +16,13 @@ from jbclog.core.serial_line import LineFormat
 from jbclog.session.discovery.diagnosis import diagnose
 from jbclog.session.discovery.found import LEARNING_S, PortReport, ScanPlan, StationFound
 from support.clients.talk import framed
-from support.links.uart_ports import Cable, Coming, FarEnd, means, says, station_cable
+from support.links.uart_ports import Cable, Coming, FarEnd, access_to, says, station_cable
 
 OTHERWISE = {"SMN": "  EEE", "SVR": "9.99", "SER": "00005", "CT2": "00000", "CT1": "00004"}
 
 
 def scanned(cable: Cable) -> PortReport:
-    (report,) = discovery.search([("port", ScanPlan())], means=means({"port": cable}))
+    (report,) = discovery.search([("port", ScanPlan())], access=access_to({"port": cable}))
     return report
 
 
@@ -43,11 +43,11 @@ def test_one_answer_changes_nothing_of_what_is_found(code: str, before: int) -> 
 
 
 @pytest.mark.parametrize("code", OTHERWISE)
-def test_one_answer_changes_nothing_of_a_line_file(code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_answer_changes_nothing_of_a_line_file(code: str, tmp_path: Path) -> None:
     cable = station_cable("dde")
     says(cable, code, OTHERWISE[code])
-    monkeypatch.setattr(discovery, "SYSTEM", means({"/dev/far": cable}))
-    ended = CliRunner().invoke(app, ["scan", "/dev/far", "--write", str(tmp_path / "line.toml")])
+    words = ["scan", "/dev/far", "--write", str(tmp_path / "line.toml")]
+    ended = CliRunner().invoke(app, words, obj=access_to({"/dev/far": cable}))
     assert ended.exit_code == 0
     (spec,) = load_line(tmp_path / "line.toml").stations
     assert (spec.family, spec.address, spec.ports) == ("dde", 1, (1, 2))
@@ -58,7 +58,7 @@ def test_one_answer_is_no_finding_of_doctor(code: str) -> None:
     cable = station_cable("dde")
     says(cable, code, OTHERWISE[code])
     line = parse_line('[line]\nname = "x"\n[[station]]\nname = "s-1"\nurl = "/dev/far"\nfamily = "dde"\n', Path("line.toml"))
-    (looked,) = look_at_stations(line, means=means({"/dev/far": cable}))
+    (looked,) = look_at_stations(line, access=access_to({"/dev/far": cable}))
     assert isinstance(looked, Fine)
     assert "DDE answers at 19200 8N1, address 01" in looked.what
 
@@ -138,12 +138,12 @@ def test_a_model_that_is_said_once_and_no_more_is_none() -> None:
     ],
 )
 def test_what_is_another_each_time_is_told_and_no_line_file_is_made_of_it(
-    code: str, data: tuple[str, ...], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    code: str, data: tuple[str, ...], told: str, tmp_path: Path
 ) -> None:
     cable = station_cable("dde")
     says(cable, code, *data)
-    monkeypatch.setattr(discovery, "SYSTEM", means({"/dev/far": cable}))
-    ended = CliRunner().invoke(app, ["scan", "/dev/far", "--write", str(tmp_path / "line.toml"), "--json"])
+    words = ["scan", "/dev/far", "--write", str(tmp_path / "line.toml"), "--json"]
+    ended = CliRunner().invoke(app, words, obj=access_to({"/dev/far": cable}))
     facts = json.loads(ended.stdout)
     assert (ended.exit_code, facts["written"], (tmp_path / "line.toml").exists()) == (1, None, False)
     (finding,) = facts["ports"][0]["findings"]
