@@ -344,7 +344,7 @@ def test_what_runs_saw_since_last_time_counts_once(bench: Bench, tmp_path: Path,
     assert f"port 1 verified by W, PASS: line 1 of {out / 'verifications.jsonl'}" in ended.stdout
     assert observed(ledger)["dde-1"].errors.events == {"port.error": 1}
     assert observed(ledger)["ucr-1"].errors.events is None
-    assert "since last time" not in audit(bench.line, ledger, "--runs", out).stdout
+    assert "since the last audit" not in audit(bench.line, ledger, "--runs", out).stdout
 
 
 def _a_run_with_an_error(out: Path) -> None:

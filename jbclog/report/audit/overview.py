@@ -66,8 +66,8 @@ def percent(value: Interval | None) -> str:
 def of_life(task: TaskState) -> str:
     """Return ``1 640 to 1 642 of 2 000 h``; millimetres as metres."""
     scale, unit = (1000.0, "m") if task.unit == "mm" else (1.0, "" if task.unit == "count" else task.unit)
-    life = f"{number(task.life / scale)} {unit}".rstrip()
-    return f"not known, of {life}" if task.used is None else f"{span(task.used.per(scale))} of {life}"
+    interval = f"{number(task.life / scale)} {unit}".rstrip()
+    return f"not known, of {interval}" if task.used is None else f"{span(task.used.per(scale))} of {interval}"
 
 
 def window(task: TaskState) -> str:
@@ -193,7 +193,7 @@ def _headline(audit: FleetAudit, counts: Sequence[tuple[str, str, str, int]]) ->
     if word == "fine":
         return (style, sign, "NOTHING IS DUE")
     if word == "no task":
-        return (style, sign, "NO TASK IS STATED")
+        return (style, sign, "NO TASK DEFINED")
     return (style, sign, f"{number} {word.upper()}")
 
 
@@ -203,7 +203,7 @@ def _reasons(audit: FleetAudit, rows: Sequence[DueRow]) -> list[str]:
     found += [f"{row.station.station}: not seen, last on {day(row.station.last_seen)}" for row in rows if not row.station.seen]
     doubts = sum(len(station.doubts) for station in audit.stations)
     if doubts:
-        found.append(f"{counted(doubts, 'counter')} changed in a way that no counter can; see counter changes")
+        found.append(f"{counted(doubts, 'counter')} changed implausibly; see counter changes")
     if audit.wrong:
         found.append(f"The ledger is damaged: {counted(len(audit.wrong), 'line')} ignored")
     found += [_reason(row.station, task) for row in rows for task in row.tasks if task.state is State.SOON]

@@ -220,7 +220,7 @@ def fleet_course(weeks: Sequence[tuple[Week, int]], of: int, wide: bool) -> Mark
         begins = _month_begins(shown, wide)
         axes.set_xticks(list(begins), list(begins.values()), ha="left")
         bars(axes, list(begins), [0.0] * len(begins), [-5 / 145 * most] * len(begins), "month", color=QUIET, clip_on=False)
-    return _svg(figure, f"port hours worked a day, week by week, {len(weeks)} weeks", "wide" if wide else "narrow")
+    return _svg(figure, f"working hours per day of all ports, {len(weeks)} weeks", "wide" if wide else "narrow")
 
 
 def _doubtful(weeks: Sequence[Week], most: float) -> list[tuple[float, float, float]]:

@@ -63,7 +63,7 @@ def test_of_what_is_not_used_up_the_soonest_stands_first() -> None:
         (fleets.first_ever, "✓ NOTHING IS DUE"),
         (lambda: fleets.fleet(fleets.station("a", 1, tasks=(fleets.task(0, 85),))), "△ 1 DUE SOON"),
         (lambda: fleets.fleet(fleets.station("a", 1, tasks=(fleets.unknown_task(0),))), "? 1 NOT KNOWN"),
-        (lambda: fleets.fleet(fleets.station("a", 1, tasks=())), "– NO TASK IS STATED"),
+        (lambda: fleets.fleet(fleets.station("a", 1, tasks=())), "– NO TASK DEFINED"),
         (lambda: fleets.fleet(replace(fleets.station("a", 1, tasks=(fleets.task(0, 9),)), seen=False)), "– 1 NOT SEEN"),
     ],
 )
@@ -109,7 +109,7 @@ def test_drift_says_from_how_many() -> None:
 def test_errors_now_and_since() -> None:
     page = words(page_of(fleets.trouble()))
     assert "line3-dme · port 2 now short circuit" in page
-    assert "line3-dme since last time port.error: 3" in page
+    assert "line3-dme since the previous audit port.error: 3" in page
 
 
 def test_a_hall_of_a_hundred_is_drawn_small_and_whole() -> None:
