@@ -33,7 +33,7 @@ class Judged(msgspec.Struct, frozen=True, gc=False):
     kind: DifferenceKind
     rule: str
     join: Join = Join.ON
-    turns: int = 0
+    roll_overs: int = 0
     lost: Interval = NOTHING
     is_known: bool = True
 
@@ -44,7 +44,7 @@ class Judged(msgspec.Struct, frozen=True, gc=False):
             return self.lost
         if self.join is Join.FROM_ZERO:
             return since_zero(self.span) + self.lost
-        return turned(self.span, self.turns)
+        return rolled_over(self.span, self.roll_overs)
 
 
 def since_zero(span: Span) -> Interval:
@@ -52,11 +52,11 @@ def since_zero(span: Span) -> Interval:
     return Interval(span.after.shown.low, span.after.shown.high + span.trait.step)
 
 
-def turned(span: Span, turns: int) -> Interval:
-    """Return the advance with `turns` roll-overs."""
-    if not turns:
+def rolled_over(span: Span, times: int) -> Interval:
+    """Return the advance with so many roll-overs."""
+    if not times:
         return span.worked
-    by, step = turns * span.modulus, span.trait.step
+    by, step = times * span.modulus, span.trait.step
     return Interval(max(0.0, span.grown.low + by - step), span.grown.high + by + step)
 
 
@@ -106,23 +106,23 @@ def counted_on(span: Span) -> Judged:
     if span.after.shown.high >= span.top:
         return loose(span, "stands_at_top", Interval(span.worked.low, max(span.worked.high, span.most)))
     if span.fell:
-        return _rolled_over(span, span.turns(span.usual))
+        return _fallen(span)
     if not span.can_continue:
         return _too_fast(span)
-    turns = span.turns(span.usual)
-    if turns:
-        return loose(span, "can_have_rolled_over", Interval(span.worked.low, turned(span, span.turns(span.most)[-1]).high))
-    return Judged(
-        span, DifferenceKind.ZERO if span.is_unchanged else DifferenceKind.NORMAL, "unchanged" if span.is_unchanged else "went_on"
-    )
+    if span.roll_overs(span.usual):
+        most = rolled_over(span, span.roll_overs(span.most)[-1]).high
+        return loose(span, "can_have_rolled_over", Interval(span.worked.low, most))
+    if span.is_unchanged:
+        return Judged(span, DifferenceKind.ZERO, "unchanged")
+    return Judged(span, DifferenceKind.NORMAL, "went_on")
 
 
-def _rolled_over(span: Span, turns: range) -> Judged:
-    if len(turns) == 1:
-        return Judged(span, DifferenceKind.ROLL_OVER, "fell_from_near_its_top", turns=1)
-    possible = span.turns(span.most)
+def _fallen(span: Span) -> Judged:
+    if len(span.roll_overs(span.usual)) == 1:
+        return Judged(span, DifferenceKind.ROLL_OVER, "fell_from_near_its_top", roll_overs=1)
+    possible = span.roll_overs(span.most)
     if possible:
-        worked = Interval(turned(span, 1).low, turned(span, possible[-1]).high)
+        worked = Interval(rolled_over(span, 1).low, rolled_over(span, possible[-1]).high)
         return loose(span, "rolled_over_unknown_times", worked, DifferenceKind.ROLL_OVER)
     return loose(span, "fell_alone" if span.can_be_reset else "fell_to_what_cannot_be", Interval(0.0, max(0.0, span.most)))
 
@@ -193,11 +193,12 @@ def by_companion(judged: Judged, others: Iterable[Judged], ratios: Ratios) -> Ju
     beside = _beside(judged, others) if ratio is not None else None
     if ratio is None or beside is None:
         return judged
-    possible = ([] if span.fell else [0]) + list(span.turns(span.most))
-    fitting = [turns for turns in possible if _fits(turned(span, turns), beside.delta, ratio)]
+    possible = ([] if span.fell else [0]) + list(span.roll_overs(span.most))
+    fitting = [times for times in possible if _fits(rolled_over(span, times), beside.delta, ratio)]
     if len(fitting) != 1:
         return judged
-    return Judged(span, DifferenceKind.ROLL_OVER if fitting[0] else DifferenceKind.NORMAL, "fits_its_companion", turns=fitting[0])
+    kind = DifferenceKind.ROLL_OVER if fitting[0] else DifferenceKind.NORMAL
+    return Judged(span, kind, "fits_its_companion", roll_overs=fitting[0])
 
 
 def _beside(judged: Judged, others: Iterable[Judged]) -> Judged | None:
@@ -243,7 +244,7 @@ def unit_of(by_port: Mapping[int, Sequence[Span]], stated: Collection[int]) -> U
 
 def is_ordinary(span: Span) -> bool:
     """Whether a continued count explains it, roll-overs included."""
-    return span.can_continue or bool(span.turns(span.most))
+    return span.can_continue or bool(span.roll_overs(span.most))
 
 
 def _is_its_own(group: Sequence[Span]) -> bool:
@@ -278,7 +279,7 @@ def _differ(before: str | None, now: str | None) -> bool:
 def _continue(spans: Sequence[Span]) -> bool:
     """Whether every counter continues or rolled over, with hours among them that no other station would have by chance."""
     hours = [one for one in spans if one.trait.is_time and one.before.shown.low >= SURELY_ITS_OWN_H]
-    return bool(hours) and all(one.can_continue or bool(one.turns(one.usual)) for one in spans)
+    return bool(hours) and all(one.can_continue or bool(one.roll_overs(one.usual)) for one in spans)
 
 
 # -- judging ------------------------------------------------------------------------------------------------------------------
@@ -406,7 +407,7 @@ def _shown(group: Sequence[Span], stated_h: float | None) -> Reset:
     fallen = [one for one in group if one.fell]
     if not _can_hide(group) or not (fallen or stated_h is not None):
         return Reset.NO
-    if stated_h is not None or any(not one.turns(one.most) for one in fallen):
+    if stated_h is not None or any(not one.roll_overs(one.most) for one in fallen):
         return Reset.YES
     return Reset.MAYBE
 

@@ -155,7 +155,7 @@ class Span(msgspec.Struct, frozen=True, gc=False):
         """The advance if the count continued without a roll-over."""
         return Interval(max(0.0, self.grown.low - self.trait.step), max(0.0, self.grown.high) + self.trait.step)
 
-    def turns(self, most: float) -> range:
+    def roll_overs(self, most: float) -> range:
         """Return the possible numbers of roll-overs, from one up, for an advance of at most `most`."""
         left = most + self.trait.step - self.grown.low
         possible = max(0, math.floor(left / self.modulus)) if math.isfinite(left) else MANY
@@ -175,4 +175,4 @@ class Span(msgspec.Struct, frozen=True, gc=False):
     @property
     def is_impossible(self) -> bool:
         """Whether neither a continued count nor a roll-over nor a reset explains it."""
-        return not (self.can_continue or self.turns(self.most) or self.can_be_reset)
+        return not (self.can_continue or self.roll_overs(self.most) or self.can_be_reset)

@@ -256,7 +256,7 @@ class _Pass:
         self._last: dict[Key, Reading] = {}
         self._of_other: dict[Key, Reading] = {}
         self._resets = Resets()
-        self._turns: dict[Key, float] = {}
+        self._rolled: dict[Key, float] = {}  # what roll-overs add to a reading
 
     def _counter(self, key: Key, found: Sequence[Reading]) -> Counter:
         return Counter(key, trait_of(key[1]), modulus_of(key[1], (one.shown.high for one in found)), self.paces.get(key))
@@ -283,7 +283,7 @@ class _Pass:
     def _add_plain(self, look: int, readings: Mapping[Key, Reading]) -> None:
         begin, end = self.history.looks[look - 1].time, self.history.looks[look].time
         for key, one in readings.items():
-            trace, by = self.traces.now[key], self._turns.get(key, 0.0)
+            trace, by = self.traces.now[key], self._rolled.get(key, 0.0)
             shown = Interval(one.shown.low + by, one.shown.high + by) if by else one.shown
             trace.points.append(Point(look, end, shown))
             trace.differences.append(difference(self._counters[key], self._last[key], one, begin, end))
@@ -333,7 +333,7 @@ class _Pass:
     def _start_new_station(self) -> None:
         self.traces.earlier += self.traces.now.values()
         self._of_other, self._last = self._last, {}
-        self.traces.now, self._turns, self._resets = {}, {}, Resets()
+        self.traces.now, self._rolled, self._resets = {}, {}, Resets()
 
     def _stated(self, look: int) -> dict[int, float]:
         """Return the hours from the look before to the last recorded reset, by port."""
@@ -376,10 +376,10 @@ class _Pass:
         key, span = (one.span.port, one.span.counter), one.span
         trace = self.traces.now[key]
         if one.join is Join.ON:
-            self._turns[key] = self._turns.get(key, 0.0) + one.turns * span.modulus
+            self._rolled[key] = self._rolled.get(key, 0.0) + one.roll_overs * span.modulus
         else:
-            self._turns[key] = 0.0
-        by = self._turns[key]
+            self._rolled[key] = 0.0
+        by = self._rolled[key]
         shown = Interval(span.after.shown.low + by, span.after.shown.high + by)
         trace.points.append(Point(span.after.look, self.history.looks[span.after.look].time, shown, one.join, one.lost))
         trace.differences.append(self._difference(one))

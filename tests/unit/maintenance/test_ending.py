@@ -155,7 +155,7 @@ def test_the_table_tells_what_was_not_read() -> None:
     assert "unread  port 1 plugged_h: timeout" in unread
 
 
-def test_what_nobody_told_is_said_without_a_number() -> None:
+def test_what_is_not_known_has_no_number() -> None:
     why = "last service date unknown"
     told = replace(fleets.task(5, 20), used=None, percent=None, state=State.UNKNOWN, due=None, why=why)
     seen = "\n".join(lines(fleets.fleet(replace(FINE, tasks=(told,)))))

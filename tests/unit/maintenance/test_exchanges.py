@@ -1,4 +1,4 @@
-"""Bounds over exchanges of units that nobody told of: each that readings can reveal must hold. `exchange_score` says which can.
+"""Bounds over exchanges of units without a record: each that readings can reveal must hold. `exchange_score` says which can.
 
 `-s` prints the figures. `workshop` is what the rules were worked out against; `contract` was not looked into before it was counted,
 with seed 90 001. All bounds over its 2613 revealed exchanges held then; 5 sums and differences of a feeder, at which nobody
@@ -28,7 +28,7 @@ def bounds_hold(score: ExchangeScore, every: str, counted: Counted) -> None:
 
 
 @pytest.mark.parametrize(("every", "seed", "count"), [("weekly", 31, 30), ("monthly", 32, 60)])
-def test_bounds_hold_over_exchanges_that_nobody_told_of(every: str, seed: int, count: int, counted: Counted) -> None:
+def test_bounds_hold_over_exchanges_without_a_record(every: str, seed: int, count: int, counted: Counted) -> None:
     score = exchange_score(Places(every=every), seed, count)
     assert score.exchanges["revealed"] > 20
     bounds_hold(score, every, counted)

@@ -112,7 +112,7 @@ def busy_and_lazy() -> tuple[Trace, Trace]:
     return went("work_h", hours), went("dispensed_cycles", joints)
 
 
-def test_hot_for_nothing_is_what_is_beyond_the_stations_own_best_pace() -> None:
+def test_idle_while_hot_is_what_exceeds_the_best_weekly_rate() -> None:
     work, joints = busy_and_lazy()
     found = figures(work, joints, rated_power_w=130)
     idle = found["idle_hot_h"]
@@ -190,7 +190,7 @@ def test_each_week_of_the_last_year_has_its_hours() -> None:
     assert all(week.per_day is not None and 6.0 in week.per_day and not week.is_spread for week in weeks)
 
 
-def test_where_nobody_looked_hours_are_spread_and_before_the_first_look_nothing_is_known() -> None:
+def test_between_audits_hours_are_spread_and_before_the_first_nothing_is_known() -> None:
     weeks = weeks_of([went("work_h", [(100, 0), (93, 42), (23, 42 + 140), (9, 200), (2, 210)])], ago(0))
     assert [week.per_day for week in weeks[:38]] == [None] * 38
     long = weeks[42]

@@ -146,7 +146,7 @@ def test_a_line_changed_taken_out_or_moved_shows_and_nothing_is_added_behind_it(
         kept(tmp_path)
 
 
-def test_a_line_that_was_cut_off_counts_for_nothing_and_keeps_nobody_from_going_on(tmp_path: Path) -> None:
+def test_a_line_that_was_cut_off_does_not_count_and_stops_nothing(tmp_path: Path) -> None:
     kept(tmp_path)
     whole = (tmp_path / NAME).read_bytes()
     (tmp_path / NAME).write_bytes(whole + whole[:100])

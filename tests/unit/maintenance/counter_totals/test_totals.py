@@ -106,7 +106,7 @@ def test_cycles_that_fall_alone_may_be_another_units_whose_hours_happen_to_fit()
 
 @pytest.mark.parametrize("unread", [False, True])
 def test_an_uncertain_roll_over_beside_hours_that_cannot_be_is_no_lower_bound(unread: bool) -> None:
-    """A feeder's box was exchanged and nobody told: the hours fell to what cannot be, the feeds to what a roll-over could be."""
+    """A feeder's box was exchanged without a record: the hours fell to what cannot be, the feeds to what a roll-over could be."""
     cycles = [60_000.0, None if unread else 16_105.0, 16_300.0]
     trace = series(WEEK, plugged_h=[9000, 6000, 6040], work_h=[3000, 3050, 3090], dispensed_cycles=cycles)["dispensed_cycles"]
     found = trace.differences[0]
@@ -150,7 +150,7 @@ def test_half_a_year_unseen_is_known_where_hours_rule_a_reset_out() -> None:
     assert (last(trace).is_known, last(trace).delta) == (True, Interval(4000, 4000))
 
 
-def test_how_often_it_rolled_over_while_nobody_looked_is_not_known_and_bounded() -> None:
+def test_unknown_roll_overs_between_audits_are_bounded() -> None:
     trace = series(4380, plugged_h=[9000, 12_000], work_h=[5000, 7400], dispensed_mm=[100_000.0, 20_000.0])["dispensed_mm"]
     assert (last(trace).kind, last(trace).rule, last(trace).is_known) == (
         DifferenceKind.ROLL_OVER,
@@ -184,7 +184,7 @@ def test_one_hour_more_than_time_is_what_whole_hours_allow() -> None:
     assert last(series(DAY, plugged_h=[5000, 5025], work_h=[3000, 3008])["plugged_h"]).is_known
 
 
-def test_at_its_last_number_nobody_knows_whether_it_stands() -> None:
+def test_at_its_last_number_it_may_have_stopped() -> None:
     trace = series(DAY, plugged_h=[5000, 5008, 5016], work_h=[3000, 3006, 3012], sleep_cycles=[99_990, 99_999, 99_999])[
         "sleep_cycles"
     ]
