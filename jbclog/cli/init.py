@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING, TypeVar
 
 import typer
 
+from jbclog.cli import options
 from jbclog.cli.output import note, reports_errors
 from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
+    from jbclog.app.port_access import PortAccess
     from jbclog.config.line import Described
 
 T = TypeVar("T")
@@ -20,7 +22,9 @@ SCAN, HAND = "scan", "hand"
 
 
 @reports_errors
-def init(folder: Path = typer.Argument(Path(), metavar="DIR", help="Folder for line.toml and recipe.toml.")) -> None:
+def init(
+    ctx: typer.Context, folder: Path = typer.Argument(Path(), metavar="DIR", help="Folder for line.toml and recipe.toml.")
+) -> None:
     """Write a first line file and recipe, by questions.
 
     Finds the stations by a scan, which sends only queries, or asks you for their ports and families. Writes both files after the
@@ -34,7 +38,7 @@ def init(folder: Path = typer.Argument(Path(), metavar="DIR", help="Folder for l
 
     _expect_free(folder / LINE)
     how = _answer("Find the stations by a scan, or enter them by hand (scan, hand)", _one_of(SCAN, HAND), SCAN)
-    stations = _scanned() if how == SCAN else _entered(folder)
+    stations = _scanned(options.port_access(ctx)) if how == SCAN else _entered(folder)
     name = _answer("Name of the recipe", _name, "first-recipe")
     celsius = {
         kind.name: _answer(kind.question, _celsius(kind.allowed_c), str(kind.usual_c))
@@ -70,7 +74,7 @@ def _write(path: Path, text: str) -> None:
 # -- stations -----------------------------------------------------------------------------------------------------------------
 
 
-def _scanned() -> list[Described]:
+def _scanned(access: PortAccess) -> list[Described]:
     """Scan, and return the stations found. Raises `UsageError` if there are none."""
     from jbclog.app.discovery import described, search
     from jbclog.cli.scan import print_progress
@@ -79,7 +83,8 @@ def _scanned() -> list[Described]:
 
     usual = " ".join(port.name for port in usb_ports())
     urls = _answer("Ports to scan, with blanks between them", _urls, usual or None)
-    reports = search([(url, plan_for(url, limit_s=None)) for url in urls], lambda report: print_progress(report, quiet=False))
+    plans = [(url, plan_for(url, limit_s=None)) for url in urls]
+    reports = search(plans, lambda report: print_progress(report, quiet=False), access)
     stations = described(reports)
     if not stations:
         raise UsageError(f"no station found on {', '.join(urls)}; `jbclog scan PORT` shows what was tried, `jbclog doctor` why")
