@@ -19,6 +19,7 @@ from jbclog.core.locks import try_lock
 from jbclog.core.serial_line import is_one_port
 
 NAME: Final = "lease.json"
+NEW: Final = "lease.json.new"  # until it takes the name
 LOCK: Final = "guard.lock"
 LOCK_RETRY_S: Final = 0.02
 REGISTRY: Final = "jbclog/open-leases"
@@ -76,8 +77,8 @@ def write_leases(folder: Path, stations: Iterable[StationLease]) -> None:
     """Replace the leases of a run and register its folder for this user; remove both if nothing is held. Raises OSError."""
     held = [station for station in stations if station.holds]
     if not held:
-        with suppress(FileNotFoundError):
-            (folder / NAME).unlink()
+        for name in (NAME, NEW):  # the new one: of a guard that was killed while it wrote
+            (folder / name).unlink(missing_ok=True)
         _unregister(folder)
         return
     _replace_file(folder / NAME, "".join(f"{station.to_json()}\n" for station in held))
@@ -87,7 +88,7 @@ def write_leases(folder: Path, stations: Iterable[StationLease]) -> None:
 
 def _replace_file(path: Path, text: str) -> None:
     """Write the file as a whole, never through a link. Raises OSError."""
-    new = path.with_name(f"{NAME}.new")
+    new = path.with_name(NEW)
     new.unlink(missing_ok=True)
     try:
         with os.fdopen(os.open(new, FLAGS, 0o644), "w", encoding="utf-8") as file:
@@ -95,7 +96,7 @@ def _replace_file(path: Path, text: str) -> None:
             file.flush()
             os.fsync(file.fileno())
         new.replace(path)
-    except OSError:
+    except BaseException:  # memory can be refused here, too
         with suppress(OSError):
             new.unlink()
         raise

@@ -19,7 +19,7 @@ import pytest
 from jbclog.core.errors import RecordError
 from jbclog.guard import lease as leases
 from jbclog.guard.action_log import LEAST_BYTES, LINE_BYTES, ActionLog
-from jbclog.guard.lease import LOCK, NAME, StationLease, guard_lock, read_leases, registered_runs, write_leases
+from jbclog.guard.lease import LOCK, NAME, NEW, StationLease, guard_lock, read_leases, registered_runs, write_leases
 from jbclog.guard.lease_writer import LeaseWriter
 from jbclog.record import annotations, conclude, guard_actions
 from jbclog.record.check import check
@@ -101,6 +101,25 @@ def test_a_lease_is_never_written_through_a_link(tmp_path: Path, name: str) -> N
     assert [one.name for one in read_leases(folder)] == ["a"]
     assert [path.name for path in folder.iterdir()] == [NAME]
     assert not (folder / NAME).is_symlink()
+
+
+@pytest.mark.parametrize("error", [OSError, MemoryError])
+def test_a_lease_that_cannot_be_written_leaves_no_half_of_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: type[Exception]
+) -> None:
+    def refuse(descriptor: int) -> None:
+        raise error
+
+    monkeypatch.setattr(os, "fsync", refuse)
+    with pytest.raises(error):
+        write_leases(tmp_path, [lease("a")])
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_closed_lease_leaves_no_half_of_a_killed_guard_behind(tmp_path: Path) -> None:
+    (tmp_path / NEW).write_text("half")
+    write_leases(tmp_path, [])
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", [NAME, guard_actions.ACTION_LOG])
