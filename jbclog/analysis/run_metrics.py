@@ -12,7 +12,7 @@ from hashlib import file_digest, sha256
 from itertools import groupby
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -32,7 +32,7 @@ from jbclog.analysis.joints.solder_wire import Wire
 from jbclog.analysis.joints.sweeps import PortSweeps
 from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.measures import Measured, PortMeasuring, measure_port
-from jbclog.analysis.run_alarms import stations_of
+from jbclog.analysis.run_tables import RunTables, stations_of
 from jbclog.analysis.verdict import RULES
 from jbclog.analysis.verdict.idle import Floats
 from jbclog.analysis.verdict.rules import has_feeder
@@ -44,9 +44,6 @@ from jbclog.core.rows import StationFacts
 from jbclog.record.annotations import read
 from jbclog.record.folder import joints_asked
 from jbclog.record.manifest import manifest_sha256
-
-if TYPE_CHECKING:
-    from jbclog.analysis.run import Run
 
 # -- stored metrics -----------------------------------------------------------------------------------------------------------
 # The metrics as `report` left them in `report.json`: so that many runs are looked at without going through their samples again.
@@ -107,7 +104,7 @@ Moments = Mapping[float, int]
 ORDER_TO_WORK: Final = {"tip": "00000", "air": "00001"}  # status words of W-PS (manuals 000, 001, 002)
 
 
-def metrics_of(run: Run, station: str | None = None) -> pd.DataFrame:
+def metrics_of(run: RunTables, station: str | None = None) -> pd.DataFrame:
     """A row for each metric of each port: value or the reason why there is none, unit, n, coverage in per cent, resolution.
 
     As the report left them, or computed anew.
@@ -126,7 +123,7 @@ def metrics_of(run: Run, station: str | None = None) -> pd.DataFrame:
     return metric_table(rows)
 
 
-def joints_and_metrics(run: Run) -> tuple[pa.Table, list[dict[str, object]], list[dict[str, object]]]:
+def joints_and_metrics(run: RunTables) -> tuple[pa.Table, list[dict[str, object]], list[dict[str, object]]]:
     """The joints of a run as `joints_table` has them, and the rows of `metrics_of`, from one pass over the samples.
 
     Then what the joints of each port were found with: its `[joints]`, with the values that the run told.
@@ -147,7 +144,7 @@ def definitions() -> pd.DataFrame:
     return pd.DataFrame(rows, columns=["metric", "unit", "definition", "applies_to"])
 
 
-def joints_table(run: Run, station: str | None = None) -> pa.Table:
+def joints_table(run: RunTables, station: str | None = None) -> pa.Table:
     """The joints of a run in the order of stations, ports and times."""
     return _together([_table(facts, port, measured.joints, moments) for facts, port, measured, moments in _measured(run, station)])
 
@@ -162,7 +159,7 @@ def _together(ports: Sequence[pa.Table]) -> pa.Table:
     return pa.concat_tables([JOINTS_SCHEMA.empty_table(), *ports]).combine_chunks()
 
 
-def joints_of(run: Run, station: str | None = None) -> pa.Table:
+def joints_of(run: RunTables, station: str | None = None) -> pa.Table:
     """The joints as the report left them, or found anew."""
     try:
         is_left = run.manifest.state == "sealed" and is_as_written(run.folder, JOINTS_FILE)
@@ -179,7 +176,7 @@ def _named(figure: dict[str, object]) -> dict[str, object]:
     return {"metric" if key == "name" else key: value for key, value in figure.items()}
 
 
-def joint_count(run: Run, ended_s: float | None = None) -> int:
+def joint_count(run: RunTables, ended_s: float | None = None) -> int:
     """How many joints there are, as many as in `joints_table`; only those that ended so long before their port's last row."""
     count = 0
     stations = [facts for facts in stations_of(run) if kind_of(facts) == "tip"]
@@ -200,11 +197,11 @@ def _ended(joints: Sequence[Joint], last_s: float, ended_s: float | None) -> int
     return sum(joint.end_s <= latest for joint in joints)
 
 
-def _asked(run: Run, facts: StationFacts) -> JointOptions:
+def _asked(run: RunTables, facts: StationFacts) -> JointOptions:
     return options_of(joints_asked(run.folder, facts))
 
 
-def _measured(run: Run, station: str | None) -> Iterator[tuple[StationFacts, int, Measured, Moments]]:
+def _measured(run: RunTables, station: str | None) -> Iterator[tuple[StationFacts, int, Measured, Moments]]:
     """Each port of each station, measured: those without a feeder in windows, the others as a whole."""
     wanted = [facts for facts in stations_of(run) if station in (None, facts.name)]
     for fed, stations in groupby(wanted, has_feeder):
@@ -218,7 +215,7 @@ def _measured(run: Run, station: str | None) -> Iterator[tuple[StationFacts, int
                 yield facts, port, measured, _moments(series.seconds, utc_us, measured.joints)
 
 
-def _in_windows(run: Run, stations: Sequence[StationFacts]) -> Iterator[tuple[StationFacts, int, Measured, Moments]]:
+def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[tuple[StationFacts, int, Measured, Moments]]:
     """The ports of these stations, none with a feeder; no more than a window of each is in memory."""
     reader = _reader(run, stations)
     ports: dict[Key, PortMeasuring] = {}
@@ -237,7 +234,7 @@ def _in_windows(run: Run, stations: Sequence[StationFacts]) -> Iterator[tuple[St
             yield facts, port, every[facts.name, port], moments[facts.name, port]
 
 
-def _reader(run: Run, stations: Sequence[StationFacts]) -> PortReader:
+def _reader(run: RunTables, stations: Sequence[StationFacts]) -> PortReader:
     steps = _steps(run) if any(not facts.period_s for facts in stations) else []
     t0_us = round((run.manifest.t0_utc or 0.0) * 1e6)
     return PortReader(stations, lambda columns: run.groups("samples", columns), steps, t0_us, MOST_ROWS)
@@ -255,7 +252,7 @@ def _moments(seconds: Floats, utc_us: Counts, joints: Sequence[Joint]) -> Moment
     return dict(zip(edges, utc_us[places].tolist(), strict=True)) if edges else {}
 
 
-def _ports(run: Run, facts: StationFacts) -> Iterator[tuple[int, Series, Wire, Counts]]:
+def _ports(run: RunTables, facts: StationFacts) -> Iterator[tuple[int, Series, Wire, Counts]]:
     """The ports of a station with a feeder, all its samples in memory: their rows, the feeder's counter, and the rows' UTC."""
     reader, counters, settings = _reader(run, [facts]), run.counters(facts.name), run.settings(facts.name)
     for key, (series, utc_us) in reader.whole().items():
@@ -271,7 +268,7 @@ def _ordered_s(facts: StationFacts, settings: pd.DataFrame, port: int, clock: Cl
     return float(clock.of(_micros(mine))[-1]) if len(mine) else None
 
 
-def _steps(run: Run) -> list[Step]:
+def _steps(run: RunTables) -> list[Step]:
     """The steps of the wall clock, also of a run that is open."""
     events = run.events()
     steps = events[(events["kind"] == "clock.step") & events["value"].notna()]

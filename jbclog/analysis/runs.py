@@ -19,8 +19,10 @@ from typing import Final, overload
 import pandas as pd
 
 from jbclog.analysis.joint_table import JOINTS_SCHEMA
-from jbclog.analysis.run import Moment, Run, open_run, utc
+from jbclog.analysis.notebook_html import runs_html
+from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.run_metrics import METRICS
+from jbclog.analysis.run_tables import Moment, utc
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.record.find_runs import Filter, Found, Unreadable, find
 
@@ -102,9 +104,7 @@ class Runs(Sequence[Run]):
         return f"<Runs {self.folder}: {len(self)} run{'' if len(self) == 1 else 's'}{more}>"
 
     def _repr_html_(self) -> str:
-        from jbclog.analysis.run import runs_html
-
-        return runs_html(self)
+        return runs_html(self.folder, self.found, self.unreadable)
 
     def manifests(self) -> pd.DataFrame:
         """A row a run: who, what, when and what came of it. Times in UTC; `stations`, `units` and other lists are tuples."""

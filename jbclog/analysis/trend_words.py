@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from jbclog.analysis import spc
 from jbclog.analysis.figures.canvas import svg_text
-from jbclog.analysis.run import table, text
+from jbclog.analysis.notebook_html import table, text
 from jbclog.analysis.trend import Point, Trend, metric_text, title_of
 
 MOST: Final = 10

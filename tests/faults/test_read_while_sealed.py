@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.analysis.run import open_run
-from jbclog.analysis.run_alarms import stations_of
+from jbclog.analysis.run_tables import stations_of
 from jbclog.record.check import check
 from jbclog.record.conclude import conclude
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.analysis import run as run_module
+from jbclog.analysis import run_tables
 from jbclog.core.locks import FolderLock
 from jbclog.record import store_reader as stock_module
 from jbclog.record.conclude import conclude
@@ -92,6 +92,6 @@ def meanwhile(step: str, act: Callable[[], None]) -> Iterator[list[str]]:
         before(Segment, "is_begun", "begun")
         before(Segment, "notes", "notes")
         before(Segment, "index", "index")
-        before(run_module, "read_manifest", "manifest")
-        before(run_module, "part_paths", "parts")
+        before(run_tables, "read_manifest", "manifest")
+        before(run_tables, "part_paths", "parts")
         yield done

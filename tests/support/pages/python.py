@@ -41,7 +41,8 @@ def _module(module: ModuleType) -> Iterable[str]:
 
 
 def _members(one: type) -> Iterable[str]:
-    for name, member in vars(one).items():
+    inherited = [vars(base) for base in reversed(one.__mro__) if base.__module__.startswith("jbclog")]
+    for name, member in {name: member for names in inherited for name, member in names.items()}.items():
         if name.startswith("_"):
             continue
         if isinstance(member, property):

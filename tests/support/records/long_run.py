@@ -10,7 +10,8 @@ import numpy as np
 import pandas as pd
 import pyarrow as pa
 
-from jbclog.analysis.run import Run, asked, frame
+from jbclog.analysis.run import Run
+from jbclog.analysis.run_tables import frame, select
 from jbclog.core.rows import StationFacts
 from jbclog.record.manifest import Manifest
 from jbclog.record.schema import SCHEMAS
@@ -68,7 +69,7 @@ class LongRun(Run):
         known: dict[str, object] = {name: column[place] for name, column in record.items()}
         known |= {"tick": ticks, "time": (times + 3000 * (ticks % 7) * self.is_free).astype(np.int64)}
         known |= {"station": ["dde-1"] * len(ticks), "port": np.ones(len(ticks), np.int64), "status": ["working"] * len(ticks)}
-        columns = asked("samples").columns
+        columns = select("samples").columns
         schema = SCHEMAS["samples"]
         made = [
             pa.array(known[name], from_pandas=True).cast(schema.field(name).type)

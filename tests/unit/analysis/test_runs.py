@@ -130,7 +130,7 @@ def test_only_parts_of_the_time_asked_for_are_read(home: Path, monkeypatch: pyte
     run = jbclog.open_runs(home, order="88123")[0]
     times = run.samples(columns=["time"])["time"]
     read: list[Path] = []
-    from jbclog.analysis import run as module
+    from jbclog.analysis import run_tables as module
 
     groups_of = module.groups_of
     monkeypatch.setattr(module, "groups_of", lambda parts, columns: read.extend(parts) or groups_of(parts, columns))
@@ -143,7 +143,7 @@ def test_only_parts_of_the_time_asked_for_are_read(home: Path, monkeypatch: pyte
 
 
 def test_a_stream_reads_no_further_than_it_is_asked(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from jbclog.analysis import run as module
+    from jbclog.analysis import run_tables as module
 
     given: list[int] = []
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from matplotlib.figure import Figure
 
@@ -14,19 +14,17 @@ from jbclog.analysis.figures.marks import happenings, limits_of, marks_of
 from jbclog.analysis.figures.port import draw_at, height_pt
 from jbclog.analysis.figures.style import INK, WIDE, Look
 from jbclog.analysis.figures.trace import Grid, Trace
+from jbclog.analysis.run_tables import RunTables
 from jbclog.analysis.verdict import judged_signals
 from jbclog.core.errors import UsageError
 from jbclog.core.rows import StationFacts
-
-if TYPE_CHECKING:
-    from jbclog.analysis.run import Run
 
 COLUMNS: Final = ("time", "tick", "station", "port", "quality", "reasons", "temperature_c", "set_c", "power_permille", "status")
 HEADING_PT: Final = 17.0
 DPI: Final = 130  # of the picture in a notebook
 
 
-def plot(run: Run, station: str | None = None, port: int | None = None) -> Figure:
+def plot(run: RunTables, station: str | None = None, port: int | None = None) -> Figure:
     """Return a figure of each port: temperature, power, status, missing data, alarms and errors; days (UTC) on the x axis.
 
     Raises `UsageError` where there is nothing to show.
@@ -47,7 +45,7 @@ def plot(run: Run, station: str | None = None, port: int | None = None) -> Figur
     return figure
 
 
-def _traces(run: Run, station: str | None, port: int | None) -> list[tuple[str, int, Trace]]:
+def _traces(run: RunTables, station: str | None, port: int | None) -> list[tuple[str, int, Trace]]:
     """Return the ports that have samples, in the order of the line file."""
     t0_utc_us = round((run.manifest.t0_utc or 0.0) * 1e6)
     events, settings = happenings(run.events(), t0_utc_us), run.settings()
