@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from jbclog.analysis import spc
 from jbclog.analysis.alarms import Detector, Episode
-from jbclog.analysis.joint_table import JOINTS_SCHEMA
 from jbclog.analysis.spc.refusal import there_are
+from jbclog.analysis.stored_tables import JOINTS_SCHEMA
 from jbclog.analysis.trend import metric_unit, trends
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.foreign.files import Kind, read_foreign

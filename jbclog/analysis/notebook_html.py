@@ -1,4 +1,4 @@
-"""Runs as notebooks show them: small HTML tables, every text that comes from outside escaped."""
+"""Small HTML tables that show runs in a notebook; text from outside is escaped."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from jbclog.record.find_runs import Found, Unreadable, ending
 from jbclog.record.manifest import Manifest
 
 MOST_RUNS: Final = 20
-LONGEST: Final = 80
+MOST_CHARACTERS: Final = 80  # of a cell
 HEADS: Final = ("started", "line", "recipes", "operator", "order", "product", "units", "verdict", "state", "run")
 
 
 def run_html(name: str, manifest: Manifest) -> str:
-    """A run: its verdict, what was said of it, its stations."""
-    said = manifest.metadata
+    """Return a run's verdict, metadata and stations."""
+    metadata = manifest.metadata
     facts = [
         ("verdict", manifest.verdict or "none yet"),
         ("state", ending(manifest.exit_status, manifest.state)),
@@ -25,56 +25,48 @@ def run_html(name: str, manifest: Manifest) -> str:
         ("to", shortened(manifest.ended)),
         ("line", manifest.line.name if manifest.line else None),
         ("recipes", ", ".join(f"{one.name}@{one.revision}" for one in manifest.recipes)),
-        ("operator", said.operator),
-        ("order", said.order),
-        ("product", said.product),
+        ("operator", metadata.operator),
+        ("order", metadata.order),
+        ("product", metadata.product),
         ("units", _several(manifest.serials())),
     ]
     stations = [(one.name, one.model, ", ".join(map(str, one.ports)), one.outcome) for one in manifest.stations]
-    rows = "".join(f"<tr><th>{text(name)}</th><td>{text(value)}</td></tr>" for name, value in facts if value)
+    rows = "".join(f"<tr><th>{text(fact)}</th><td>{text(value)}</td></tr>" for fact, value in facts if value)
     below = table(("station", "model", "ports", "outcome"), stations) if stations else ""
     return f"<div><b>{text(name)}</b><table>{rows}</table>{below}</div>"
 
 
 def runs_html(folder: Path, found: Sequence[Found], unreadable: Sequence[Unreadable]) -> str:
-    """Runs: a row for each of the first, and how many there are."""
+    """Return a row for each of the first `MOST_RUNS` runs, and the number of all."""
     rows = [_row(one) for one in found[:MOST_RUNS]]
     more = f"<p>and {len(found) - MOST_RUNS} more</p>" if len(found) > MOST_RUNS else ""
-    unread = f"<p>{len(unreadable)} folders cannot be read (.unreadable)</p>" if unreadable else ""
+    failed = f"<p>{len(unreadable)} folders cannot be read (.unreadable)</p>" if unreadable else ""
     count = f"{len(found)} run{'' if len(found) == 1 else 's'} in {folder}"
-    return f"<div><b>{text(count)}</b>{table(HEADS, rows) if rows else ''}{more}{unread}</div>"
+    return f"<div><b>{text(count)}</b>{table(HEADS, rows) if rows else ''}{more}{failed}</div>"
 
 
 def table(heads: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table of texts."""
+    """Return a table with these column heads and cells."""
     head = "".join(f"<th>{text(name)}</th>" for name in heads)
     body = "".join(f"<tr>{''.join(f'<td>{text(cell)}</td>' for cell in row)}</tr>" for row in rows)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def text(value: object) -> str:
-    """A value as text that can do nothing: escaped, without what does not show, not too long."""
-    told = "" if value is None else str(value)
-    shown = "".join(sign if sign.isprintable() else "�" for sign in told[: LONGEST + 1])
-    return escape(shown if len(told) <= LONGEST else shown[: LONGEST - 1] + "…")
+    """Return a value as escaped text, cut to `MOST_CHARACTERS`, with `�` for what is not printable."""
+    raw = "" if value is None else str(value)
+    printable = "".join(sign if sign.isprintable() else "�" for sign in raw[: MOST_CHARACTERS + 1])
+    return escape(printable if len(raw) <= MOST_CHARACTERS else printable[: MOST_CHARACTERS - 1] + "…")
 
 
 def shortened(time: str | None) -> str | None:
-    """A manifest's time to the second."""
+    """Return a time of a manifest to the second: ``2026-11-21 01:30:00 UTC``."""
     return None if time is None else time[:19].replace("T", " ") + " UTC"
 
 
 def _row(one: Found) -> tuple[object, ...]:
-    who = (one.operator, one.order, one.product, _several(one.units))
-    return (
-        shortened(one.started),
-        one.line,
-        ", ".join(one.recipes),
-        *who,
-        one.verdict,
-        one.shown_state,
-        one.folder.name,
-    )
+    what = (shortened(one.started), one.line, ", ".join(one.recipes))
+    return (*what, one.operator, one.order, one.product, _several(one.units), one.verdict, one.shown_state, one.folder.name)
 
 
 def _several(texts: Sequence[str]) -> str:

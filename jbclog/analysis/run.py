@@ -1,4 +1,7 @@
-"""Opens a run: four tables as DataFrames, the manifest, and what follows from them. Start with `Run`."""
+"""Opens a run. `Run` has its manifest and tables (`RunTables`), and what is computed from them: alarms, joints, metrics, figures.
+
+Methods import what they compute with when they are called, so that opening a run loads neither matplotlib nor the joint search.
+"""
 
 from __future__ import annotations
 
@@ -19,46 +22,46 @@ if TYPE_CHECKING:
 
 
 class Run(RunTables):
-    """One run in `folder`. Tables are read anew at each call, so a run that is being recorded grows."""
+    """The run in `folder`: sealed, still being recorded, or cut off by a crash. Each call reads the tables anew."""
 
     def _repr_html_(self) -> str:
         return run_html(self.name, self.manifest)
 
     def __repr__(self) -> str:
-        return f"<Run {self.folder.name}: {self.manifest.state}, {self.manifest.verdict or 'no verdict yet'}>"
+        return f"<Run {self.name}: {self.manifest.state}, {self.manifest.verdict or 'no verdict yet'}>"
 
     def alarms(self) -> pd.DataFrame:
-        """Alarm episodes: a row for each, as each detector (`detector`) saw it; rows of one `incident` belong together.
+        """Return a row for each alarm episode that a detector found; rows with the same `incident` belong together.
 
-        Detectors: A the station's flags, B our samples with the alarm's delays and a dead band, C every sampled excursion.
-        It began after `onset_earliest` and at `onset` at the latest, and ended between `end_earliest` and `end`; `raised` is
-        when it was known. `state`: active, cleared, or uncertain (not read for too long). `seconds`: from `onset` to `end`.
-        `confirmed`: a flag that a temperature bears out. `uncertain`: in between nothing was read for too long. `finding`: on
-        what the detectors do not agree. `acknowledged_*`: by whom, when and why (`jbclog alarms ack`).
+        `detector`: A the station's flags, B our samples with delays and deadband, C every excursion of our samples. The episode
+        began after `onset_earliest` and no later than `onset`; it ended after `end_earliest` and no later than `end`. `raised`:
+        when it became known. `state`: active, cleared, or uncertain (not read for too long). `seconds`: from `onset` to `end`.
+        `confirmed`: a temperature supports the flag. `uncertain`: not read for too long in between. `finding`: how the detectors
+        disagree. `acknowledged_by`, `_at`, `_why`: from `jbclog alarms ack`. Raises `RecordError`.
         """
         return self.alarm_findings().frame()
 
     def alarm_findings(self) -> Alarms:
-        """The same as objects: incidents side by side, figures of floods and chatter, findings."""
+        """Return the same as objects: incidents with their episodes, figures of floods and chatter, findings."""
         from jbclog.analysis.run_alarms import alarms_of
 
         return alarms_of(self)
 
     def joints(self, station: str | None = None) -> pd.DataFrame:
-        """A row for each joint that was found: start, end, dwell, depth, recovery, heat, energy, confidence.
+        """Return a row for each joint: start, end, dwell, depth, recovery, heat, energy, confidence.
 
-        From `joints.parquet` where `report` has written it for this manifest, else found anew; also of a run that is still
-        open. What a joint is here stands in `jbclog.analysis.joints.joints`; nothing in it says that a joint is good.
+        Reads `joints.parquet` if `jbclog report` wrote it for this manifest, and searches the samples otherwise. The definition
+        of a joint is in `jbclog/analysis/joints/joints.py`; no column says that a joint is good. Raises `RecordError`.
         """
         from jbclog.analysis.run_metrics import joints_of
 
         return frame(joints_of(self, station)).astype({"fed": "boolean"})
 
     def metrics(self, station: str | None = None) -> pd.DataFrame:
-        """A row for each metric of each port: `metric, value, unit, n, coverage, resolution, why`; no value, then a reason.
+        """Return a row for each metric of each port: `metric, value, unit, n, coverage, resolution, why`.
 
-        From `report.json` where `report` of this version has written it for this manifest, else computed anew.
-        `metric_definitions()` tells what each of them means.
+        A metric without a value has the reason in `why`; `metric_definitions` has the meanings. Reads `report.json` if this version
+        of jbclog wrote it for this manifest, and computes the metrics otherwise. Raises `RecordError`.
         """
         from jbclog.analysis.run_metrics import metrics_of
 
@@ -66,23 +69,26 @@ class Run(RunTables):
 
     @staticmethod
     def metric_definitions() -> pd.DataFrame:
-        """What each metric means: `metric, unit, definition, applies_to`."""
+        """Return the definition of each metric: `metric, unit, definition, applies_to`."""
         from jbclog.analysis.run_metrics import definitions
 
         return definitions()
 
     def plot(self, station: str | None = None, port: int | None = None) -> Figure:
-        """Draw each port as in the report: temperature, power, status, missing data, alarms; days (UTC) on the x axis."""
+        """Draw each port as in the report: temperature, power, status, missing data, alarms; days (UTC) on the x axis.
+
+        Raises `UsageError` if there are no samples to show.
+        """
         from jbclog.analysis.run_plot import plot
 
         return plot(self, station, port)
 
 
 def open_run(path: str | os.PathLike[str]) -> Run:
-    """The run in the folder `path`: sealed, still being recorded, or cut off by a crash. Raises `RecordError`."""
+    """Return the run in the folder `path`: sealed, still being recorded, or cut off by a crash. Raises `RecordError`."""
     folder = Path(path)
     run = Run(folder)
     if not folder.is_dir():
-        raise RecordError(f"{folder} is not there, or is no folder")
-    run.manifest  # noqa: B018  # a folder that is no run is said to be none here, not at the first table
+        raise RecordError(f"{folder} is missing, or not a folder")
+    run.manifest  # noqa: B018  # raises here, not at the first table, if the folder holds no run
     return run

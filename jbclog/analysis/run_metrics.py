@@ -1,27 +1,23 @@
-"""Joints and metrics of a run, from its samples or as its report stored them.
+"""Joints and metrics of a run: as its report stored them, or computed from its samples.
 
-A table has a row for each joint (`joint_table`) or for each metric of each port (`METRICS`). Works also for a run that is still
-open or was cut off, as far as its record goes.
+The tables have a row for each joint (`JOINTS_SCHEMA`) or for each metric of each port (`METRICS`). Also works for a run that is
+still open or was cut off, as far as its record reaches. Ports without a feeder are measured together, window by window, so that a
+long run fits into memory; a port with a feeder is measured as a whole.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
-from hashlib import file_digest, sha256
 from itertools import groupby
 from math import inf
-from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog import __version__
-from jbclog.analysis.joint_table import FILE as JOINTS_FILE
-from jbclog.analysis.joint_table import JOINTS_SCHEMA, read_joints
 from jbclog.analysis.joints.joints import find_joints
 from jbclog.analysis.joints.parameters import JointOptions, options_of
 from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, Key, PortReader, at_once
@@ -33,163 +29,106 @@ from jbclog.analysis.joints.sweeps import PortSweeps
 from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.measures import Measured, PortMeasuring, measure_port
 from jbclog.analysis.run_tables import RunTables, stations_of
-from jbclog.analysis.verdict import RULES
+from jbclog.analysis.stored_tables import JOINTS_SCHEMA, metric_table, stored_joints, stored_metrics
 from jbclog.analysis.verdict.idle import Floats
 from jbclog.analysis.verdict.rules import has_feeder
 from jbclog.analysis.verdict.samples import Counts, Step
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
-from jbclog.core.foreign.json_reader import json_of
 from jbclog.core.rows import StationFacts
-from jbclog.record.annotations import read
 from jbclog.record.folder import joints_asked
 from jbclog.record.manifest import manifest_sha256
 
-# -- stored metrics -----------------------------------------------------------------------------------------------------------
-# The metrics as `report` left them in `report.json`: so that many runs are looked at without going through their samples again.
-#
-# They are taken where that file was made from this very manifest, by this very version and its rules, in which the definitions are
-# the same, and where a line of the annotations vouches for its bytes; else they are computed anew.
-
-FILE: Final = "report.json"
-METRICS: Final = {
-    "station": "str",
-    "port": "int64",
-    "metric": "str",
-    "value": "Float64",
-    "unit": "str",
-    "n": "int64",
-    "coverage": "Float64",
-    "resolution": "Float64",
-    "why": "str",
-}
-"""The columns of a table of metrics and their kinds."""
-
-
-def is_as_written(folder: Path, name: str) -> bool:
-    """Whether a file of the report has the bytes that `report.json` says, and a line of the annotations vouches for that one's."""
-    try:
-        data = read_foreign(folder / FILE, Kind.REPORT)
-        if read(folder).report != sha256(data).hexdigest():
-            return False
-        with open_foreign(folder / name, Kind.OF_REPORT) as file:
-            return bool(json_of(data)["written"][name] == file_digest(file, "sha256").hexdigest())
-    except (RecordError, OSError, ValueError, TypeError, KeyError, RecursionError):
-        return False
-
-
-def left_metrics(folder: Path, manifest_sha256: str) -> pd.DataFrame | None:
-    """The table of all metrics of the run; None where the report does not have it, or is not this run's or this version's."""
-    try:
-        data = read_foreign(folder / FILE, Kind.REPORT)
-        document = json_of(data)
-        made_by = document["manifest_sha256"], document["jbclog"], document["rules"]
-        if made_by != (manifest_sha256, __version__, RULES) or read(folder).report != sha256(data).hexdigest():
-            return None
-        rows = document["metrics"]
-        return metric_table(rows) if isinstance(rows, list) else None
-    except (RecordError, OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError):
-        return None
-
-
-def metric_table(rows: list[dict[str, object]]) -> pd.DataFrame:
-    """Rows of metrics as a table. Raises ValueError, TypeError or KeyError where they are none."""
-    return pd.DataFrame(rows, columns=list(METRICS)).astype(METRICS)
-
-
-# -- run metrics --------------------------------------------------------------------------------------------------------------
-
 Moments = Mapping[float, int]
-"""The UTC in microseconds of some of a port's grid seconds."""
+"""Seconds on a port's grid -> UTC in microseconds."""
+
 ORDER_TO_WORK: Final = {"tip": "00000", "air": "00001"}  # status words of W-PS (manuals 000, 001, 002)
 
 
-def metrics_of(run: RunTables, station: str | None = None) -> pd.DataFrame:
-    """A row for each metric of each port: value or the reason why there is none, unit, n, coverage in per cent, resolution.
+class MeasuredPort(NamedTuple):
+    """The joints and metrics of one port, and the UTC of its joints' starts and ends."""
 
-    As the report left them, or computed anew.
+    facts: StationFacts
+    port: int
+    measured: Measured
+    moments: Moments
+
+    def joint_table(self) -> pa.Table:
+        """Return a row for each joint."""
+        rows = [_joint_row(self, number, joint) for number, joint in enumerate(self.measured.joints, 1)]
+        return pa.Table.from_pylist(rows, schema=JOINTS_SCHEMA)
+
+    def metric_rows(self) -> list[dict[str, object]]:
+        """Return a row for each metric."""
+        named = ({"metric" if key == "name" else key: value for key, value in asdict(one).items()} for one in self.measured.figures)
+        return [{"station": self.facts.name, "port": self.port, **row} for row in named]
+
+
+def metrics_of(run: RunTables, station: str | None = None) -> pd.DataFrame:
+    """Return a row for each metric of each port: value, or the reason in `why`; unit, n, coverage in per cent, resolution.
+
+    Reads the stored metrics if they are this run's, and computes them otherwise. Raises `RecordError`.
     """
     try:
-        left = left_metrics(run.folder, manifest_sha256(run.folder)) if run.manifest.state == "sealed" else None
+        stored = stored_metrics(run.folder, manifest_sha256(run.folder)) if run.manifest.state == "sealed" else None
     except RecordError:
-        left = None
-    if left is not None:
-        return left if station is None else left[left["station"] == station].reset_index(drop=True)
-    rows = [
-        {"station": facts.name, "port": port, **_named(asdict(figure))}
-        for facts, port, measured, _ in _measured(run, station)
-        for figure in measured.figures
-    ]
-    return metric_table(rows)
-
-
-def joints_and_metrics(run: RunTables) -> tuple[pa.Table, list[dict[str, object]], list[dict[str, object]]]:
-    """The joints of a run as `joints_table` has them, and the rows of `metrics_of`, from one pass over the samples.
-
-    Then what the joints of each port were found with: its `[joints]`, with the values that the run told.
-    """
-    joints: list[pa.Table] = []
-    metrics: list[dict[str, object]] = []
-    taken: list[dict[str, object]] = []
-    for facts, port, measured, moments in _measured(run, None):
-        joints.append(_table(facts, port, measured.joints, moments))
-        metrics += [{"station": facts.name, "port": port, **_named(asdict(figure))} for figure in measured.figures]
-        taken += [] if measured.found is None else [{"station": facts.name, "port": port, **asdict(measured.found.settings)}]
-    return _together(joints), metrics, taken
-
-
-def definitions() -> pd.DataFrame:
-    """What each metric means: `metric`, `unit`, `definition`, `applies_to`."""
-    rows = [(one.name, one.unit, one.text, ", ".join(one.of)) for one in DEFINITIONS]
-    return pd.DataFrame(rows, columns=["metric", "unit", "definition", "applies_to"])
-
-
-def joints_table(run: RunTables, station: str | None = None) -> pa.Table:
-    """The joints of a run in the order of stations, ports and times."""
-    return _together([_table(facts, port, measured.joints, moments) for facts, port, measured, moments in _measured(run, station)])
-
-
-def _table(facts: StationFacts, port: int, joints: Sequence[Joint], moments: Moments) -> pa.Table:
-    """The joints of one port."""
-    rows = [_row(facts, port, number, joint, moments) for number, joint in enumerate(joints, 1)]
-    return pa.Table.from_pylist(rows, schema=JOINTS_SCHEMA)
-
-
-def _together(ports: Sequence[pa.Table]) -> pa.Table:
-    return pa.concat_tables([JOINTS_SCHEMA.empty_table(), *ports]).combine_chunks()
+        stored = None
+    if stored is not None:
+        return stored if station is None else stored[stored["station"] == station].reset_index(drop=True)
+    return metric_table([row for port in _measured(run, station) for row in port.metric_rows()])
 
 
 def joints_of(run: RunTables, station: str | None = None) -> pa.Table:
-    """The joints as the report left them, or found anew."""
+    """Return the stored joints if they are this run's; finds them in the samples otherwise. Raises `RecordError`."""
     try:
-        is_left = run.manifest.state == "sealed" and is_as_written(run.folder, JOINTS_FILE)
-        left = read_joints(run.folder, manifest_sha256(run.folder)) if is_left else None
+        stored = stored_joints(run.folder, manifest_sha256(run.folder)) if run.manifest.state == "sealed" else None
     except RecordError:
-        left = None
-    if left is None:
+        stored = None
+    if stored is None:
         return joints_table(run, station)
-    return left if station is None else left.filter(pc.equal(left["station"], station))
+    return stored if station is None else stored.filter(pc.equal(stored["station"], station))
 
 
-def _named(figure: dict[str, object]) -> dict[str, object]:
-    """A figure's name is the metric's."""
-    return {"metric" if key == "name" else key: value for key, value in figure.items()}
+def joints_table(run: RunTables, station: str | None = None) -> pa.Table:
+    """Return the joints found in a run's samples, ordered by station, port and time."""
+    return _concatenated([one.joint_table() for one in _measured(run, station)])
+
+
+def joints_and_metrics(run: RunTables) -> tuple[pa.Table, list[dict[str, object]], list[dict[str, object]]]:
+    """Return `joints_table`, the rows of `metrics_of`, and the joint parameters of each port, from one pass over the samples.
+
+    The parameters are those of the recipe's `[joints]`, completed by what was learnt from the run.
+    """
+    joints: list[pa.Table] = []
+    metrics: list[dict[str, object]] = []
+    parameters: list[dict[str, object]] = []
+    for one in _measured(run, None):
+        joints.append(one.joint_table())
+        metrics += one.metric_rows()
+        if one.measured.found is not None:
+            parameters.append({"station": one.facts.name, "port": one.port, **asdict(one.measured.found.settings)})
+    return _concatenated(joints), metrics, parameters
 
 
 def joint_count(run: RunTables, ended_s: float | None = None) -> int:
-    """How many joints there are, as many as in `joints_table`; only those that ended so long before their port's last row."""
+    """Return the number of joints in `joints_table`; with `ended_s`, of those that ended that many s before the port's last row."""
     count = 0
     stations = [facts for facts in stations_of(run) if kind_of(facts) == "tip"]
     for some in at_once([facts for facts in stations if not has_feeder(facts)], lambda facts: len(facts.ports), MOST_PORTS):
         reader = _reader(run, some)
-        ports = {(facts.name, port): PortSweeps(_asked(run, facts)) for facts in some for port in facts.ports}
+        ports = {(facts.name, port): PortSweeps(_parameters(run, facts)) for facts in some for port in facts.ports}
         reader.sweep(ports)
         count += sum(_ended(one.found.joints, reader.last_s(key), ended_s) for key, one in ports.items())
     for facts in filter(has_feeder, stations):
-        for _, series, _, _ in _ports(run, facts):
+        for _, series, _, _ in _whole_ports(run, facts):
             last_s = float(series.seconds[-1]) if len(series.seconds) else 0.0
-            count += _ended(find_joints(series, _asked(run, facts)).joints, last_s, ended_s)
+            count += _ended(find_joints(series, _parameters(run, facts)).joints, last_s, ended_s)
     return count
+
+
+def definitions() -> pd.DataFrame:
+    """Return what each metric means: `metric`, `unit`, `definition`, `applies_to`."""
+    rows = [(one.name, one.unit, one.text, ", ".join(one.of)) for one in DEFINITIONS]
+    return pd.DataFrame(rows, columns=["metric", "unit", "definition", "applies_to"])
 
 
 def _ended(joints: Sequence[Joint], last_s: float, ended_s: float | None) -> int:
@@ -197,63 +136,74 @@ def _ended(joints: Sequence[Joint], last_s: float, ended_s: float | None) -> int
     return sum(joint.end_s <= latest for joint in joints)
 
 
-def _asked(run: RunTables, facts: StationFacts) -> JointOptions:
+def _parameters(run: RunTables, facts: StationFacts) -> JointOptions:
     return options_of(joints_asked(run.folder, facts))
 
 
-def _measured(run: RunTables, station: str | None) -> Iterator[tuple[StationFacts, int, Measured, Moments]]:
-    """Each port of each station, measured: those without a feeder in windows, the others as a whole."""
-    wanted = [facts for facts in stations_of(run) if station in (None, facts.name)]
-    for fed, stations in groupby(wanted, has_feeder):
-        if not fed:
+def _measured(run: RunTables, station: str | None) -> Iterator[MeasuredPort]:
+    """Measure each port of each station, or of one, in their order."""
+    selected = [facts for facts in stations_of(run) if station in (None, facts.name)]
+    for with_feeder, stations in groupby(selected, has_feeder):
+        if with_feeder:
+            for facts in stations:
+                yield from _as_a_whole(run, facts)
+        else:
             for some in at_once(list(stations), lambda facts: len(facts.ports), MOST_PORTS):
                 yield from _in_windows(run, some)
-            continue
-        for facts in stations:
-            for port, series, wire, utc_us in _ports(run, facts):
-                measured = measure_port(series, kind_of(facts), wire, _asked(run, facts))
-                yield facts, port, measured, _moments(series.seconds, utc_us, measured.joints)
 
 
-def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[tuple[StationFacts, int, Measured, Moments]]:
-    """The ports of these stations, none with a feeder; no more than a window of each is in memory."""
+def _as_a_whole(run: RunTables, facts: StationFacts) -> Iterator[MeasuredPort]:
+    """Measure the ports of a station with a feeder."""
+    for port, series, wire, utc_us in _whole_ports(run, facts):
+        measured = measure_port(series, kind_of(facts), wire, _parameters(run, facts))
+        yield MeasuredPort(facts, port, measured, _moments(series.seconds, utc_us, measured.joints))
+
+
+def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[MeasuredPort]:
+    """Measure the ports of stations without a feeder, with no more than a window of each port in memory."""
     reader = _reader(run, stations)
-    ports: dict[Key, PortMeasuring] = {}
+    measuring: dict[Key, PortMeasuring] = {}
     every_setting = run.settings()
     for facts in stations:
-        settings, asked = every_setting[every_setting["station"] == facts.name], _asked(run, facts)
+        settings, parameters = every_setting[every_setting["station"] == facts.name], _parameters(run, facts)
         for port in facts.ports:
             ordered_s = _ordered_s(facts, settings, port, reader.clock((facts.name, port)))
             like = replace(reader.like((facts.name, port)), ordered_s=ordered_s)
-            ports[facts.name, port] = PortMeasuring(kind_of(facts), like, asked)
-    reader.sweep(ports)
-    every = {key: port.measured for key, port in ports.items()}
-    moments = reader.utc_us({key: _edges(measured.joints) for key, measured in every.items()})
+            measuring[facts.name, port] = PortMeasuring(kind_of(facts), like, parameters)
+    reader.sweep(measuring)
+    measured = {key: port.measured for key, port in measuring.items()}
+    moments = reader.utc_us({key: _edges(one.joints) for key, one in measured.items()})
     for facts in stations:
         for port in facts.ports:
-            yield facts, port, every[facts.name, port], moments[facts.name, port]
+            yield MeasuredPort(facts, port, measured[facts.name, port], moments[facts.name, port])
 
 
 def _reader(run: RunTables, stations: Sequence[StationFacts]) -> PortReader:
-    steps = _steps(run) if any(not facts.period_s for facts in stations) else []
+    steps = _clock_steps(run) if any(not facts.period_s for facts in stations) else []
     t0_us = round((run.manifest.t0_utc or 0.0) * 1e6)
     return PortReader(stations, lambda columns: run.groups("samples", columns), steps, t0_us, MOST_ROWS)
 
 
+def _clock_steps(run: RunTables) -> list[Step]:
+    """Return the steps of the wall clock; unlike `steps_of`, also for a run that is not sealed."""
+    events = run.events()
+    steps = events[(events["kind"] == "clock.step") & events["value"].notna()]
+    return [Step(time / 1e6, value) for time, value in zip(steps["time"].astype("int64"), steps["value"], strict=True)]
+
+
 def _edges(joints: Sequence[Joint]) -> list[float]:
-    """The moments of which a table of joints has the times."""
     return [moment for joint in joints for moment in (joint.start_s, joint.end_s)]
 
 
 def _moments(seconds: Floats, utc_us: Counts, joints: Sequence[Joint]) -> Moments:
-    """The times of the rows at the edges of joints, or next behind them."""
+    """Return the UTC of the first row at or after each start and end of a joint."""
     edges = _edges(joints)
     places = np.clip(np.searchsorted(seconds, np.array(edges) - 1e-6), 0, len(seconds) - 1)
     return dict(zip(edges, utc_us[places].tolist(), strict=True)) if edges else {}
 
 
-def _ports(run: RunTables, facts: StationFacts) -> Iterator[tuple[int, Series, Wire, Counts]]:
-    """The ports of a station with a feeder, all its samples in memory: their rows, the feeder's counter, and the rows' UTC."""
+def _whole_ports(run: RunTables, facts: StationFacts) -> Iterator[tuple[int, Series, Wire, Counts]]:
+    """Yield each port of a station with a feeder: its number, all its rows, the feeder's counter, and the UTC of the rows."""
     reader, counters, settings = _reader(run, [facts]), run.counters(facts.name), run.settings(facts.name)
     for key, (series, utc_us) in reader.whole().items():
         port, clock, counted = key[1], reader.clock(key), counters[counters["port"] == key[1]]
@@ -262,25 +212,18 @@ def _ports(run: RunTables, facts: StationFacts) -> Iterator[tuple[int, Series, W
 
 
 def _ordered_s(facts: StationFacts, settings: pd.DataFrame, port: int, clock: Clock) -> float | None:
-    """When the run ordered the tool to work."""
-    mine = settings[(settings["port"] == port) & (settings["setting"] == "status") & (settings["outcome"] == "confirmed")]
-    mine = mine[mine["requested"] == ORDER_TO_WORK.get(kind_of(facts))]
-    return float(clock.of(_micros(mine))[-1]) if len(mine) else None
-
-
-def _steps(run: RunTables) -> list[Step]:
-    """The steps of the wall clock, also of a run that is open."""
-    events = run.events()
-    steps = events[(events["kind"] == "clock.step") & events["value"].notna()]
-    return [Step(time / 1e6, value) for time, value in zip(steps["time"].astype("int64"), steps["value"], strict=True)]
+    """Return when the run ordered the tool to work; None if it did not."""
+    orders = settings[(settings["port"] == port) & (settings["setting"] == "status") & (settings["outcome"] == "confirmed")]
+    orders = orders[orders["requested"] == ORDER_TO_WORK.get(kind_of(facts))]
+    return float(clock.of(_micros(orders))[-1]) if len(orders) else None
 
 
 def _wire(counters: pd.DataFrame, settings: pd.DataFrame, clock: Clock) -> Wire:
-    """The feeder's counter of lengths, and the length that is set where it was read."""
+    """Return the feeder's counter of lengths, and the length that is set, if it was read."""
     length = _counter(counters, "dispensed_mm")
-    told = settings[(settings["setting"] == "feeder_length") & settings["readback"].notna()]["readback"]
+    readbacks = settings[(settings["setting"] == "feeder_length") & settings["readback"].notna()]["readback"]
     try:
-        set_mm = float(told.iloc[-1]) if len(told) else None
+        set_mm = float(readbacks.iloc[-1]) if len(readbacks) else None
     except ValueError:
         set_mm = None
     return Wire(clock.of(_micros(length)), length["value"].to_numpy(dtype=np.float64), set_mm)
@@ -296,43 +239,47 @@ def _counter(counters: pd.DataFrame, name: str) -> pd.DataFrame:
 
 
 def _micros(rows: pd.DataFrame) -> Counts:
-    """The times of these rows in UTC microseconds since 1970."""
+    """Return the times of these rows in UTC microseconds since 1970."""
     return np.asarray(rows["time"].astype("int64"), dtype=np.int64)
 
 
-def _row(facts: StationFacts, port: int, number: int, joint: Joint, moments: Moments) -> dict[str, object]:
-    draw, energy, rated_w = joint.draw, joint.energy, facts.rated_power_w
+def _concatenated(joints: Sequence[pa.Table]) -> pa.Table:
+    return pa.concat_tables([JOINTS_SCHEMA.empty_table(), *joints]).combine_chunks()
+
+
+def _joint_row(one: MeasuredPort, number: int, joint: Joint) -> dict[str, object]:
+    draw, energy, rated_w = joint.draw, joint.energy, one.facts.rated_power_w
     return {
-        "station": facts.name,
-        "port": port,
+        "station": one.facts.name,
+        "port": one.port,
         "joint": number,
-        "start": moments[draw.start_s],
-        "end": moments[draw.end_s],
+        "start": one.moments[draw.start_s],
+        "end": one.moments[draw.end_s],
         "start_s": round(draw.start_s, 6),
         "end_s": round(draw.end_s, 6),
         "touches": draw.contacts,
-        "dwell_s": _tidy(joint.dwell_s),
-        "depth_c": _tidy(joint.depth_c),
-        "recovery_s": _tidy(joint.recovery_s),
-        "peak_permille": _tidy(draw.peak),
-        "heat_permille_s": _tidy(draw.heat),
-        "energy_permille_s": _tidy(energy),
-        "energy_j": None if energy is None or rated_w is None else _tidy(energy * rated_w / 1000),
+        "dwell_s": _rounded(joint.dwell_s),
+        "depth_c": _rounded(joint.depth_c),
+        "recovery_s": _rounded(joint.recovery_s),
+        "peak_permille": _rounded(draw.peak),
+        "heat_permille_s": _rounded(draw.heat),
+        "energy_permille_s": _rounded(energy),
+        "energy_j": None if energy is None or rated_w is None else _rounded(energy * rated_w / 1000),
         "fed": draw.fed,
         "confidence": draw.confidence,
         "why": joint.why,
         "kind": draw.kind,
-        "heat_j": _tidy(joint.heat_j),
-        "setpoint_c": _tidy(joint.setpoint_c),
-        "deficit_c": _tidy(joint.deficit_c),
-        "resting_below_c": _tidy(joint.resting_below_c),
-        "lowest_c": _tidy(joint.lowest_c),
-        "end_c": _tidy(joint.end_c),
+        "heat_j": _rounded(joint.heat_j),
+        "setpoint_c": _rounded(joint.setpoint_c),
+        "deficit_c": _rounded(joint.deficit_c),
+        "resting_below_c": _rounded(joint.resting_below_c),
+        "lowest_c": _rounded(joint.lowest_c),
+        "end_c": _rounded(joint.end_c),
         "recovered": joint.recovered,
-        "had_s": _tidy(joint.had_s),
+        "had_s": _rounded(joint.had_s),
     }
 
 
-def _tidy(value: float | None) -> float | None:
-    """To a thousandth, which is below every resolution."""
+def _rounded(value: float | None) -> float | None:
+    """Return a value to three decimals, finer than any resolution of a station; None if it is not known."""
     return None if value is None or abs(value) == inf else round(value, 3)

@@ -1,4 +1,7 @@
-"""The tables of a run as DataFrames, its manifest, and the serials of its units."""
+"""The manifest and the tables of a run: a selection of rows and columns as DataFrames or Arrow tables, whole or in pieces.
+
+Also reads a run that is being recorded, or that a crash cut off: Parquet parts first, then the rows that only the live store has.
+"""
 
 from __future__ import annotations
 
@@ -33,12 +36,15 @@ from jbclog.record.store_reader import StoreReader
 Moment = str | datetime | pd.Timestamp
 """A time: a string such as ``2026-11-21T01:30``, a datetime or a Timestamp; UTC where it names no zone."""
 
-MICROSECONDS: Final = struct.Struct("<q")  # a time as Parquet writes one plainly
+Times = Sequence[object] | pd.Series | pd.DatetimeIndex
+"""UTC moments: Timestamps, datetimes, or strings with a zone."""
+
+MICROSECONDS: Final = struct.Struct("<q")  # a time in the statistics of a Parquet footer
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """`start` is included, `stop` is not, both UTC; None asks for all."""
+    """Some rows and columns of a table. `start` is included, `stop` is not, both UTC; None selects all."""
 
     table: str
     columns: Sequence[str]
@@ -49,29 +55,29 @@ class Selection:
 
     @property
     def needed(self) -> list[str]:
-        """The columns that have to be read for it, in their order."""
-        beside = {"station": self.station, "port": self.port, "time": self.start if self.start is not None else self.stop}
-        also = {name for name, value in beside.items() if value is not None}
-        return [name for name in SCHEMAS[self.table].names if name in {*self.columns, *also}]
+        """The columns to read, in the table's order: the selected ones, and those by which rows are selected."""
+        conditions = {"station": self.station, "port": self.port, "time": self.start if self.start is not None else self.stop}
+        compared = {name for name, value in conditions.items() if value is not None}
+        return [name for name in SCHEMAS[self.table].names if name in {*self.columns, *compared}]
 
     def cut(self, rows: pa.Table) -> pa.Table:
-        """Those of `rows` that are asked for, in the columns' order."""
+        """Return the selected part of `rows`."""
         if self.station is not None:
             rows = rows.filter(pc.equal(rows["station"], self.station))
         if self.port is not None:
             rows = rows.filter(pc.equal(rows["port"], self.port))
         if self.start is not None:
-            rows = rows.filter(pc.greater_equal(rows["time"], _scalar(self.start)))
+            rows = rows.filter(pc.greater_equal(rows["time"], _arrow_time(self.start)))
         if self.stop is not None:
-            rows = rows.filter(pc.less(rows["time"], _scalar(self.stop)))
+            rows = rows.filter(pc.less(rows["time"], _arrow_time(self.stop)))
         return rows.select(list(self.columns))
 
     def may_have(self, part: Path) -> bool:
-        """Whether a part can have rows of the time asked for, by its footer. Raises `RecordError` where it has none."""
+        """Whether a part can hold rows between `start` and `stop`, by its footer. Raises `RecordError` for an unreadable part."""
         if self.start is None and self.stop is None:
             return True
         try:
-            first, last = _span(part)
+            first, last = _time_bounds(part)
         except (pa.ArrowException, OSError) as error:
             raise RecordError(f"{part} is no readable part: {error}") from error
         if first is None or last is None:
@@ -87,7 +93,7 @@ def select(
     start: Moment | None = None,
     stop: Moment | None = None,
 ) -> Selection:
-    """What somebody asks for. Raises `UsageError` for a column that there is not."""
+    """Return a selection with its times in UTC. Raises `UsageError` for an unknown column."""
     names = SCHEMAS[table].names
     unknown = [name for name in columns or () if name not in names]
     if unknown:
@@ -96,7 +102,7 @@ def select(
 
 
 def utc(moment: Moment | None) -> pd.Timestamp | None:
-    """A time in UTC, which it is taken to be where it names no zone."""
+    """Return a time in UTC; one without a zone is taken as UTC."""
     if moment is None:
         return None
     stamp = pd.Timestamp(moment)
@@ -104,22 +110,22 @@ def utc(moment: Moment | None) -> pd.Timestamp | None:
 
 
 def frame(table: pa.Table) -> pd.DataFrame:
-    """An Arrow table as a DataFrame: Int64 and boolean where values can be missing, times in UTC."""
+    """Return an Arrow table as a DataFrame: Int64 and boolean columns where values can be missing, times in UTC."""
     return cast(pd.DataFrame, table.to_pandas())
 
 
-def _scalar(stamp: pd.Timestamp) -> pa.Scalar:
+def _arrow_time(stamp: pd.Timestamp) -> pa.Scalar:
     return pa.scalar(stamp.as_unit("ns").value // 1000, pa.int64()).cast(pa.timestamp("us", tz="UTC"))
 
 
-def _span(part: Path) -> tuple[pd.Timestamp | None, pd.Timestamp | None]:
-    """The first and the last time in a part; None where its footer does not say. Raises OSError or pa.ArrowException."""
-    seen = bounds_of(part, "time")
-    if not seen or any(one is None or {*map(len, one)} != {MICROSECONDS.size} for one in seen):
+def _time_bounds(part: Path) -> tuple[pd.Timestamp | None, pd.Timestamp | None]:
+    """Return the first and last time in a part; None if its footer lacks them. Raises OSError or pa.ArrowException."""
+    bounds = bounds_of(part, "time")
+    if not bounds or any(one is None or {*map(len, one)} != {MICROSECONDS.size} for one in bounds):
         return None, None
     try:
-        times = [pd.Timestamp(MICROSECONDS.unpack(plain)[0], unit="us", tz=UTC) for one in seen if one is not None for plain in one]
-    except (ValueError, OverflowError):  # a time that no clock shows
+        times = [pd.Timestamp(MICROSECONDS.unpack(raw)[0], unit="us", tz=UTC) for one in bounds if one is not None for raw in one]
+    except (ValueError, OverflowError):  # outside of what a Timestamp can hold
         return None, None
     return min(times), max(times)
 
@@ -133,30 +139,30 @@ class RunTables:
 
     @property
     def name(self) -> str:
-        """The name of its folder."""
+        """The folder's name."""
         return self.folder.name
 
     @property
     def manifest(self) -> Manifest:
-        """The manifest as it is now; for a run that was cut off before it had one, an empty one.
+        """The manifest as it is now; an empty one for a run that a crash cut off before it had any.
 
-        One that is sealed is read again only when its file is another one: every table asks for it.
+        A sealed manifest is kept until its file changes, because every table needs it. Raises `RecordError`.
         """
-        before = self._seen()
-        if self._sealed is None or before is None or self._sealed[0] != before:
+        identity = self._manifest_identity()
+        if self._sealed is None or identity is None or self._sealed[0] != identity:
             manifest = self._read_manifest()
-            if manifest.state != "sealed" or before is None:
+            if manifest.state != "sealed" or identity is None:
                 return manifest
-            self._sealed = before, manifest
+            self._sealed = identity, manifest
         return self._sealed[1]
 
-    def _seen(self) -> tuple[int, ...] | None:
-        """Which file the manifest is now; None where there is none."""
+    def _manifest_identity(self) -> tuple[int, ...] | None:
+        """Return what changes when the manifest's file changes; None if it is missing."""
         try:
-            there = (self.folder / MANIFEST).stat()
+            file = (self.folder / MANIFEST).stat()
         except OSError:
             return None
-        return there.st_ino, there.st_mtime_ns, there.st_ctime_ns, there.st_size
+        return file.st_ino, file.st_mtime_ns, file.st_ctime_ns, file.st_size
 
     def _read_manifest(self) -> Manifest:
         try:
@@ -176,10 +182,10 @@ class RunTables:
         stop: Moment | None = None,
         columns: Sequence[str] | None = None,
     ) -> pd.DataFrame:
-        """A row per tick, station and port, in the order in which they were recorded.
+        """Return a row for each tick, station and port, in recording order.
 
-        `start` is included, `stop` is not. A value that was not read is missing; `reasons` says why. Raises `UsageError` where
-        the run has no such station, as the other tables do.
+        `start` is included, `stop` is not. A value that was not read is missing; `reasons` has the cause. Raises `UsageError` for
+        an unknown station or column, `RecordError` for a record that cannot be read.
         """
         return self._frame(self._select("samples", station, port, start, stop, columns))
 
@@ -192,34 +198,33 @@ class RunTables:
         stop: Moment | None = None,
         columns: Sequence[str] | None = None,
     ) -> Iterator[pd.DataFrame]:
-        """The rows of a table a piece at a time (a row group of some 33 000 rows at most), none of them kept; none that is empty.
+        """Yield the rows of a table in pieces of at most one row group (some 33 000 rows); no piece is empty.
 
-        For what does not fit into memory: a month of 32 stations takes no more than an hour of them.
+        Keeps no piece in memory: a month of 32 stations takes no more than an hour of them. Raises as `samples`.
         """
-        wanted = self._select(table, station, port, start, stop, columns)
-        return (frame(piece) for piece in self._lazily(wanted) if piece.num_rows)
+        selection = self._select(table, station, port, start, stop, columns)
+        return (frame(piece) for piece in self._groups(selection) if piece.num_rows)
 
     def events(self, station: str | None = None, start: Moment | None = None, stop: Moment | None = None) -> pd.DataFrame:
-        """What happened, in order."""
+        """Return the event log, oldest first."""
         return self._frame(self._select("events", station, start=start, stop=stop))
 
     def settings(self, station: str | None = None) -> pd.DataFrame:
-        """The outcome of each setting, values as text in their unit."""
+        """Return the outcome of each setting; values are text in the setting's unit."""
         return self._frame(self._select("settings", station))
 
     def counters(self, station: str | None = None) -> pd.DataFrame:
-        """Readings of the stations' counters; a failed one has no value, and the reason in `raw`."""
+        """Return the readings of the stations' counters; a failed reading has no value, and its cause in `raw`."""
         return self._frame(self._select("counters", station))
 
     def wire(self, station: str) -> pd.DataFrame:
-        """What passed over a station's wire, in order: `time`, `what`, `data` (bytes), `text`.
+        """Return the serial capture of a station, oldest first: `time`, `what`, `data` (bytes), `text`.
 
-        Only of a run with ``--wire``; of others, and where the file is none, `RecordError`. What of it was damaged is left
-        out, with a warning that says what.
+        Raises `RecordError` for a run without `--wire`. Leaves out damaged stretches, with a warning for each.
         """
         path = wire_path(self.folder, station)
         if not path.is_file():
-            raise RecordError(f"{self.folder}: what passed over the wire of {station} was not kept; it takes `run --wire`")
+            raise RecordError(f"{self.folder}: no serial capture of {station}; `jbclog run --wire` records one")
         head = read_head(path)
         rows = [*rows_and_holes(path)]
         passed = [row for row in rows if isinstance(row, LinkRow)]
@@ -230,20 +235,32 @@ class RunTables:
         return table.assign(time=micros.astype("int64").astype("datetime64[us]").dt.tz_localize("UTC"))
 
     def unit_at(self, times: Times) -> pd.Series:
-        """The serial of the unit on the bench at each of these UTC moments, in their order; missing where none is known."""
-        return unit_at(self, times)
+        """Return the serial of the unit on the bench at each of `times`, in their order; missing where unknown.
+
+        Keeps the index of `times`.
+        """
+        index = times.index if isinstance(times, pd.Series) else None
+        micros = _micros(pd.Series(times, index=index))
+        manifest, events = self.manifest, self.events()
+        changes = events[events["kind"].isin([BEGIN, END])]
+        if not (changes["kind"] == BEGIN).any():
+            late = late_serials(self.folder) if manifest.state == "sealed" else []
+            return pd.Series(only_unit(manifest.metadata.units, late), index=micros.index, dtype="string")
+        serials = np.array([None, *changes["raw"].where(changes["kind"] == BEGIN, None)], dtype=object)  # first: before any unit
+        places = np.searchsorted(_micros(changes["time"]).to_numpy(), micros.to_numpy(), side="right")
+        return pd.Series(serials[places], index=micros.index, dtype="string")
 
     def groups(self, table: str, columns: list[str]) -> Iterator[pa.Table]:
-        """The rows of a table, a row group at a time, in order; what is still in the live store comes last."""
-        return self._lazily(select(table, columns))
+        """Yield the rows of a table in order, one row group at a time; rows of the live store come last."""
+        return self._groups(select(table, columns))
 
     def pieces(self, table: str, columns: list[str]) -> list[pa.Table]:
-        """The rows of a table piece by piece as Arrow tables, in order."""
-        return self._pieces(select(table, columns))
+        """Return the same row groups as a list."""
+        return list(self.groups(table, columns))
 
-    def _frame(self, wanted: Selection) -> pd.DataFrame:
-        pieces = self._pieces(wanted)
-        return frame(pa.concat_tables(pieces) if pieces else SCHEMAS[wanted.table].empty_table().select(list(wanted.columns)))
+    def _frame(self, selection: Selection) -> pd.DataFrame:
+        pieces = list(self._groups(selection))
+        return frame(pa.concat_tables(pieces) if pieces else SCHEMAS[selection.table].empty_table().select(list(selection.columns)))
 
     def _select(
         self,
@@ -254,62 +271,43 @@ class RunTables:
         stop: Moment | None = None,
         columns: Sequence[str] | None = None,
     ) -> Selection:
-        """Raises `UsageError` where the run has no such station: no rows would read as if nothing had been recorded of it."""
+        """Return a selection. Raises `UsageError` for an unknown station: an empty table would read as if nothing was recorded."""
         names = [facts.name for facts in self.manifest.stations] if station is not None else []
         if names and station not in names:
             raise UsageError(f"{self.name} has no station {station!r}; it has {', '.join(names)}")
         return select(table, columns, station, port, start, stop)
 
-    def _pieces(self, wanted: Selection) -> list[pa.Table]:
-        """Sealed row groups, then what is still in the live store and in no part; each is cut before the next is read."""
-        return list(self._lazily(wanted))
-
-    def _lazily(self, wanted: Selection) -> Iterator[pa.Table]:
-        """The same, one after the other: only what is in the live store is kept until it comes to that."""
-        parts, live, damage = self._read(wanted)
+    def _groups(self, selection: Selection) -> Iterator[pa.Table]:
+        """Yield row groups of the parts, then those of the live store; each is cut before the next is read."""
+        parts, live, damage = self._read(selection)
         if damage:
-            warnings.warn(f"{self.folder}: {'; '.join(map(str, damage))}", stacklevel=5)
-        yield from map(wanted.cut, groups_of(parts, wanted.needed))
+            warnings.warn(f"{self.folder}: {'; '.join(map(str, damage))}", stacklevel=4)
+        yield from map(selection.cut, groups_of(parts, selection.needed))
         yield from live
 
-    def _read(self, wanted: Selection) -> tuple[list[Path], list[pa.Table], list[Damage]]:
-        """The order matters: a snapshot of the store first, then manifest and parts, then what the parts do not have."""
-        with StoreReader(self.folder) as stock:
+    def _read(self, selection: Selection) -> tuple[list[Path], list[pa.Table], list[Damage]]:
+        """Return the parts, the rows that only the live store has, and the store's damage.
+
+        The order matters: a snapshot of the store first, then manifest and parts, so that no row moves between them unseen.
+        """
+        with StoreReader(self.folder) as store:
             manifest = self.manifest
-            parts = part_paths(self.folder, wanted.table)
+            parts = part_paths(self.folder, selection.table)
             if manifest.state == "sealed":
-                expect_unchanged(self.folder, manifest, wanted.table, parts)
-            numbers = stock.numbers_of(wanted.table, parts_through(parts))
-            live = [wanted.cut(piece.select(wanted.needed)) for piece in stock.tables(numbers)]
-            return [part for part in parts if wanted.may_have(part)], live, stock.damage
+                expect_unchanged(self.folder, manifest, selection.table, parts)
+            numbers = store.numbers_of(selection.table, parts_through(parts))
+            live = [selection.cut(piece.select(selection.needed)) for piece in store.tables(numbers)]
+            return [part for part in parts if selection.may_have(part)], live, store.damage
 
 
 def stations_of(run: RunTables) -> list[StationFacts]:
-    """What is known of the stations; of a run that is not sealed, what its live store has."""
+    """Return the facts of the stations; for a run that is not sealed, with those of its live store."""
     manifest = run.manifest
     if manifest.state == "sealed":
         return manifest.stations
-    with StoreReader(run.folder) as stock:
-        manifest = run.manifest  # after the store: a run that is sealed meanwhile has them there
-        return manifest.stations if manifest.state == "sealed" else known_stations(stock, manifest.stations)
-
-
-Times = Sequence[object] | pd.Series | pd.DatetimeIndex
-"""UTC moments: Timestamps, datetimes, or strings with a zone."""
-
-
-def unit_at(run: RunTables, times: Times) -> pd.Series:
-    """The serial of the unit at each of `times`, in their order; missing where none is known. An index of `times` is kept."""
-    index = times.index if isinstance(times, pd.Series) else None
-    micros = _micros(pd.Series(times, index=index))
-    manifest, events = run.manifest, run.events()
-    told = events[events["kind"].isin([BEGIN, END])]
-    if not (told["kind"] == BEGIN).any():
-        late = late_serials(run.folder) if manifest.state == "sealed" else []
-        return pd.Series(only_unit(manifest.metadata.units, late), index=micros.index, dtype="string")
-    units = np.array([None, *told["raw"].where(told["kind"] == BEGIN, None)], dtype=object)  # the first: before any of them
-    places = np.searchsorted(_micros(told["time"]).to_numpy(), micros.to_numpy(), side="right")
-    return pd.Series(units[places], index=micros.index, dtype="string")
+    with StoreReader(run.folder) as store:
+        manifest = run.manifest  # read after the store: a run that is sealed in between has them in its manifest
+        return manifest.stations if manifest.state == "sealed" else known_stations(store, manifest.stations)
 
 
 def _micros(times: pd.Series) -> pd.Series:

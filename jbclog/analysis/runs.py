@@ -1,7 +1,7 @@
-"""Many runs at once: found by their manifests, read one after the other.
+"""Many runs at once: found by their manifests, read one after another.
 
 runs = jbclog.open_runs("runs", line="bench-3", order="88123")
-runs.manifests()                                   # a row a run
+runs.manifests()                                   # a row for each run
 for piece in runs.samples(columns=["time", "station", "port", "temperature_c"]):
     ...                                            # DataFrames of some 30 000 rows, each with its `run`
 """
@@ -18,44 +18,24 @@ from typing import Final, overload
 
 import pandas as pd
 
-from jbclog.analysis.joint_table import JOINTS_SCHEMA
 from jbclog.analysis.notebook_html import runs_html
 from jbclog.analysis.run import Run, open_run
-from jbclog.analysis.run_metrics import METRICS
 from jbclog.analysis.run_tables import Moment, utc
+from jbclog.analysis.stored_tables import JOINTS_SCHEMA, METRICS
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.record.find_runs import Filter, Found, Unreadable, find
-
-# -- sampling rates -----------------------------------------------------------------------------------------------------------
-# How often stations were sampled, where runs are held against each other.
-
-WHAT_A_RATE_CHANGES: Final = (
-    "what is found in the readings (joints, recovery, dips, alarm episodes, energy) depends on how often there is one"
-)
-
-
-def rate_text(period_s: float | None) -> str:
-    """``5 Hz``; of a station that was asked without pause ``max``."""
-    return "max" if period_s is None else f"{1 / period_s:.3g} Hz"
-
-
-def is_same_rate(one_s: float | None, two_s: float | None) -> bool:
-    """Of two periods in seconds; without pause both are None."""
-    return one_s == two_s if one_s is None or two_s is None else isclose(one_s, two_s)
-
-
-# -- runs ---------------------------------------------------------------------------------------------------------------------
 
 TEXTS: Final = ("run", "state", "verdict", "line", "operator", "order", "product", "exit_status", "lost", "changed")
 TIMES: Final = ("started", "ended")
 LISTS: Final = ("stations", "recipes", "units", "wire_lots", "flux_lots", "tips")
 COLUMNS: Final = ("run", *TIMES, *TEXTS[1:], "exit_code", *LISTS, "tags", "folder")
+WHAT_A_RATE_CHANGES: Final = "results (joints, recovery, dips, alarm episodes, energy) depend on the sampling rate"
 
 
 class Runs(Sequence[Run]):
-    """Runs that fit, in the order of their starts. Manifests are read when they are first needed, tables when asked for.
+    """The runs that match a filter, in the order of their starts. Reads manifests at first use, and tables at each call.
 
-    `unreadable` are folders of which nobody can say whether they fit. `refreshed()` looks again.
+    `unreadable` has the folders whose manifest cannot be read, so that a match is not known. `refreshed()` searches again.
     """
 
     def __init__(self, folder: Path, wanted: Filter) -> None:
@@ -63,25 +43,25 @@ class Runs(Sequence[Run]):
         self.wanted = wanted
 
     @cached_property
-    def _looked(self) -> tuple[list[Found], list[Unreadable]]:
+    def _search(self) -> tuple[list[Found], list[Unreadable]]:
         found: list[Found] = []
         unreadable: list[Unreadable] = []
         for one in find(self.folder, self.wanted):
-            (found if isinstance(one, Found) else unreadable).append(one)  # type: ignore[arg-type]  # each into its own
+            (found if isinstance(one, Found) else unreadable).append(one)  # type: ignore[arg-type]  # the list of its type
         return found, unreadable
 
     @property
     def found(self) -> list[Found]:
-        """What their manifests say, a `Found` a run."""
-        return self._looked[0]
+        """The summary of each run's manifest."""
+        return self._search[0]
 
     @property
     def unreadable(self) -> list[Unreadable]:
-        """Folders of which nothing can be told, and why."""
-        return self._looked[1]
+        """Folders whose manifest cannot be read, and why."""
+        return self._search[1]
 
     def refreshed(self) -> Runs:
-        """The same question, asked anew."""
+        """Return the runs that match now."""
         return Runs(self.folder, self.wanted)
 
     def __len__(self) -> int:
@@ -107,7 +87,10 @@ class Runs(Sequence[Run]):
         return runs_html(self.folder, self.found, self.unreadable)
 
     def manifests(self) -> pd.DataFrame:
-        """A row a run: who, what, when and what came of it. Times in UTC; `stations`, `units` and other lists are tuples."""
+        """Return a row for each run: who, what, when, and with which result.
+
+        Times are UTC; `stations`, `recipes`, `units`, `wire_lots`, `flux_lots` and `tips` hold tuples.
+        """
         rows = [{**{name: getattr(one, name, None) for name in COLUMNS}, "run": one.folder.name} for one in self.found]
         frame = pd.DataFrame(rows, columns=list(COLUMNS))
         for name in TIMES:
@@ -123,10 +106,10 @@ class Runs(Sequence[Run]):
         stop: Moment | None = None,
         columns: Sequence[str] | None = None,
     ) -> Iterator[pd.DataFrame]:
-        """The samples of all runs, a piece at a time (at most a row group of some 33 000 rows), `run` in front.
+        """Yield the samples of all runs in pieces of at most one row group (some 33 000 rows), `run` as the first column.
 
-        Nothing is kept, so a month of 32 stations takes no more memory than an hour. `pd.concat` of it is the whole table, where
-        there is room for it.
+        Keeps no piece, so a month of 32 stations takes no more memory than an hour; `pd.concat` of the pieces is the whole table.
+        Raises `RecordError` for a run that cannot be read.
         """
         for run in self:
             for piece in run.stream("samples", station, port, start, stop, columns):
@@ -134,14 +117,14 @@ class Runs(Sequence[Run]):
                 yield piece
 
     def metrics(self, station: str | None = None) -> pd.DataFrame:
-        """The metrics of all runs (`Run.metrics`), `run` and `started` in front."""
-        return self._of_each(lambda run: run.metrics(station), METRICS)
+        """Return the metrics of all runs (`Run.metrics`), `run` and `started` as the first columns."""
+        return self._concatenated(lambda run: run.metrics(station), METRICS)
 
     def joints(self, station: str | None = None) -> pd.DataFrame:
-        """The joints of all runs (`Run.joints`), `run` and `started` in front."""
-        return self._of_each(lambda run: run.joints(station), JOINTS_SCHEMA.names)
+        """Return the joints of all runs (`Run.joints`), `run` and `started` as the first columns."""
+        return self._concatenated(lambda run: run.joints(station), JOINTS_SCHEMA.names)
 
-    def _of_each(self, table: Callable[[Run], pd.DataFrame], columns: Iterable[str]) -> pd.DataFrame:
+    def _concatenated(self, table: Callable[[Run], pd.DataFrame], columns: Iterable[str]) -> pd.DataFrame:
         frames = []
         for one in self.found:
             frame = table(open_run(one.folder))
@@ -159,17 +142,27 @@ def open_runs(
     tags: Mapping[str, str] | None = None,
     **texts: str | None,
 ) -> Runs:
-    """The runs below `folder` that fit, found by their manifests alone and read when asked for.
+    """Return the runs below `folder` that match all conditions, from their manifests alone.
 
-    Texts are `operator`, `order`, `product`, `unit`, `wire_lot`, `flux_lot`, `tip`, `line`, `station`, `recipe`
-    (``NAME`` or ``NAME@REVISION``), `verdict`, `state`; each fits whole, ``*`` stands for any characters. `since` is included,
-    `until` is not; both are of a run's start, UTC where they name no zone. Raises `UsageError` and `RecordError`.
+    `texts` are `operator`, `order`, `product`, `unit`, `wire_lot`, `flux_lot`, `tip`, `line`, `station`, `recipe` (``NAME`` or
+    ``NAME@REVISION``), `verdict`, `state`; each matches as a whole, ``*`` stands for any characters. A run starts at `since` or
+    later and before `until`, UTC without a zone. Raises `UsageError` for an unknown condition, `RecordError` without the folder.
     """
     path = Path(folder)
     if not path.is_dir():
-        raise RecordError(f"{path} is not there, or is no folder")
+        raise RecordError(f"{path} is missing, or not a folder")
     known = {one.name for one in fields(Filter)} - {"since", "until", "ended_since", "tags"}
     unknown = sorted(texts.keys() - known)
     if unknown:
         raise UsageError(f"runs cannot be filtered by {', '.join(unknown)}; by {', '.join(sorted(known))}, since, until and tags")
     return Runs(path, Filter(since=utc(since), until=utc(until), ended_since=None, tags=tags or {}, **texts))
+
+
+def rate_text(period_s: float | None) -> str:
+    """Return a sampling rate as text: ``5 Hz``; ``max`` for a station that is read without pause (None)."""
+    return "max" if period_s is None else f"{1 / period_s:.3g} Hz"
+
+
+def is_same_rate(one_s: float | None, two_s: float | None) -> bool:
+    """Whether two sampling periods in s are equal; None: read without pause."""
+    return one_s == two_s if one_s is None or two_s is None else isclose(one_s, two_s)

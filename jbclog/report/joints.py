@@ -16,10 +16,10 @@ from jbclog.analysis.figures.canvas import svg_text
 from jbclog.analysis.figures.curves import Floats, Span
 from jbclog.analysis.figures.style import NARROW, WIDE
 from jbclog.analysis.figures.trace import JointEnd
-from jbclog.analysis.joint_table import FILE as JOINTS
-from jbclog.analysis.joint_table import JOINTS_SCHEMA, as_bytes
 from jbclog.analysis.run import Run
 from jbclog.analysis.run_metrics import joints_and_metrics
+from jbclog.analysis.stored_tables import JOINTS_FILE as JOINTS
+from jbclog.analysis.stored_tables import JOINTS_SCHEMA, joints_parquet
 from jbclog.analysis.verdict.bounds import censored_quantile
 from jbclog.record.manifest import manifest_sha256
 from jbclog.report.facts import FigureFacts, JointFacts
@@ -82,7 +82,7 @@ def joints_of(run: Run) -> Joints:
     table, metrics, taken = joints_and_metrics(run)
     units = run.unit_at(pd.Series(table["start"].to_pandas())).tolist() if table.num_rows else []
     serials = [None if pd.isna(serial) else str(serial) for serial in units]
-    return Joints(table, as_bytes(table, manifest_sha256(run.folder)), metrics, serials, taken)
+    return Joints(table, joints_parquet(table, manifest_sha256(run.folder)), metrics, serials, taken)
 
 
 def joint_facts(found: Joints, station: str, port: int, file: str, *, crowded: bool = False) -> JointFacts | None:

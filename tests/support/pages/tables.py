@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import pyarrow as pa
 
-from jbclog.analysis.joint_table import JOINTS_SCHEMA
+from jbclog.analysis.stored_tables import JOINTS_SCHEMA
 from jbclog.core.rows import QUALITIES, SettingOutcome
 from jbclog.record.schema import SCHEMAS
 from support.pages.md_table import MADE, code, codes, table

@@ -15,9 +15,9 @@ from typer.testing import CliRunner, Result
 from jbclog.analysis import spc
 from jbclog.analysis.chart_words import lines
 from jbclog.analysis.charts import Fixed, Series, charted, joined, joint_metrics, learn, ranked, ranked_losses, series_of_run
-from jbclog.analysis.joint_table import JOINTS_SCHEMA
 from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.spc.refusal import there_are
+from jbclog.analysis.stored_tables import JOINTS_SCHEMA
 from jbclog.cli.app import app
 from jbclog.record.manifest import read_manifest, write_manifest
 from support.records.many_runs import many_runs, one_run

@@ -96,7 +96,7 @@ def test_runs_that_were_not_sampled_as_often_are_warned_of(home: Path, tmp_path:
     slower = at_rate(one_run(tmp_path, 9, rows=ROWS), hz)
     found = compare(open_run(runs(home)[0]), open_run(slower))
     (warning,) = found.warnings
-    assert warning.startswith(f"dde-1: sampled at 10 Hz and at {other}; what is found in the readings")
+    assert warning.startswith(f"dde-1: sampled at 10 Hz and at {other}; results (joints")
     assert ("dde-1 rate", "10 Hz", other) in [(one.what, one.first, one.second) for one in found.facts]
     told_ = on_line(runs(home)[0], slower)
     assert f"warning: {warning}" in told_.stdout

@@ -13,10 +13,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from jbclog.analysis import run_metrics
-from jbclog.analysis.joint_table import JOINTS_SCHEMA
 from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.measures import PortMeasuring
 from jbclog.analysis.run import open_run
+from jbclog.analysis.stored_tables import JOINTS_SCHEMA
 from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.record.annotations import vouch
 from jbclog.record.manifest import manifest_sha256

@@ -119,7 +119,7 @@ def test_runs_that_were_not_sampled_as_often_are_warned_of(tmp_path: Path) -> No
     write_manifest(folders[2], replace(manifest, stations=[replace(facts, period_s=0.2) for facts in manifest.stations]))
     (found,) = trends(open_runs(tmp_path))
     (warning,) = found.warnings
-    assert warning.startswith("rates differ: 10 Hz in 3 runs, 5 Hz in 1 run; what is found in the readings")
+    assert warning.startswith("rates differ: 10 Hz in 3 runs, 5 Hz in 1 run; results (joints")
     assert f"  warning: {warning}" in trend(tmp_path).stdout
     assert json.loads(trend(tmp_path, "--json").stdout)["trends"][0]["warnings"] == [warning]
 

@@ -1,0 +1,126 @@
+"""The tables that `jbclog report` stores with a run: joints in `joints.parquet`, metrics in `report.json`.
+
+They save a pass over the samples, but only if they are this run's: the joints name the manifest that they were made from, and the
+report names manifest, jbclog and rules. An annotation must hold the hash of `report.json`, and that the hash of `joints.parquet`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from hashlib import file_digest, sha256
+from pathlib import Path
+from typing import Any, Final
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from jbclog import __version__
+from jbclog.analysis.verdict import RULES
+from jbclog.core.errors import RecordError
+from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
+from jbclog.core.foreign.json_reader import json_of
+from jbclog.core.foreign.tables import read_small
+from jbclog.record.annotations import read as read_annotations
+from jbclog.record.schema import FLAG, FLOAT, INT, TEXT, TIME
+
+REPORT_FILE: Final = "report.json"
+JOINTS_FILE: Final = "joints.parquet"
+MADE_FROM: Final = b"jbclog.manifest_sha256"
+METRICS: Final = {
+    "station": "str",
+    "port": "int64",
+    "metric": "str",
+    "value": "Float64",
+    "unit": "str",
+    "n": "int64",
+    "coverage": "Float64",
+    "resolution": "Float64",
+    "why": "str",
+}
+"""The columns of the table of metrics, and their types."""
+
+Column = tuple[str, pa.DataType, str, str]
+JOINTS: Final[Sequence[Column]] = (
+    ("station!", TEXT, "", ""),
+    ("port!", INT, "", ""),
+    ("joint!", INT, "count", "number of the joint in this port, from 1"),
+    ("start!", TIME, "UTC", "time of the row nearest to the joint's start"),
+    ("end!", TIME, "UTC", "time of the row nearest to its end"),
+    ("start_s!", FLOAT, "s", "the same on the run's monotonic grid, between rows"),
+    ("end_s!", FLOAT, "s", "the same on the run's monotonic grid, between rows"),
+    ("touches!", INT, "count", "contacts joined in it; 0: a feed without a draw of heat"),
+    ("dwell_s", FLOAT, "s", "time in which heat flows into the work"),
+    ("depth_c", FLOAT, "°C", "temperature at the start minus the lowest until the tip is back"),
+    ("recovery_s", FLOAT, "s", "from the start until the tip is back near the level at which it rests"),
+    ("peak_permille", FLOAT, "‰", "highest flow of heat into the work"),
+    ("heat_permille_s", FLOAT, "‰·s", "heat that went into the work"),
+    ("energy_permille_s", FLOAT, "‰·s", "power above holding power from the start until the tip is back"),
+    ("energy_j", FLOAT, "J", "the same × full-scale power / 1000, where that is declared"),
+    ("fed", FLAG, "", "solder wire was fed; null where that is not known"),
+    ("confidence!", FLOAT, "", "0 to 1, not a probability: peak above noise; half if feeds cut the joint, 0.3 for a feed alone"),
+    ("why", TEXT, "", "why recovery, depth or energy is null; or that only the feeder shows the joint"),
+    ("kind!", TEXT, "", "joint, or not known: as short or small as a wipe or a touch without solder, without wire, or wire alone"),
+    ("heat_j", FLOAT, "J", "heat_permille_s × full-scale power / 1000, where that is declared"),
+    ("setpoint_c", FLOAT, "°C", "setpoint at the start"),
+    ("deficit_c", FLOAT, "°C", "setpoint minus temperature at the start"),
+    ("resting_below_c", FLOAT, "°C", "level at which the tip rests at this setpoint minus temperature at the start"),
+    ("lowest_c", FLOAT, "°C", "lowest temperature from the start until the tip is back"),
+    ("end_c", FLOAT, "°C", "temperature at the end"),
+    ("recovered", FLAG, "", "the tip was back before the next draw of heat; null where it was cut off before"),
+    ("had_s", FLOAT, "s", "from the start until the next draw of heat, or until it was cut off"),
+)
+
+
+def _field(column: Column) -> pa.Field:
+    name, kind, unit, definition = column
+    metadata = {key: value for key, value in (("unit", unit), ("definition", definition)) if value}
+    return pa.field(name.removesuffix("!"), kind, nullable=not name.endswith("!"), metadata=metadata or None)
+
+
+JOINTS_SCHEMA: Final = pa.schema([_field(column) for column in JOINTS])
+
+
+def joints_parquet(joints: pa.Table, manifest_sha256: str) -> bytes:
+    """Return the content of `joints.parquet`; the same for the same joints and manifest."""
+    sink = pa.BufferOutputStream()
+    pq.write_table(joints.replace_schema_metadata({MADE_FROM: manifest_sha256.encode()}), sink, compression="zstd")
+    return bytes(sink.getvalue().to_pybytes())
+
+
+def stored_joints(folder: Path, manifest_sha256: str) -> pa.Table | None:
+    """Return the joints in the run's folder; None if they are missing, damaged, or of another report or manifest."""
+    try:
+        with open_foreign(folder / JOINTS_FILE, Kind.OF_REPORT) as file:
+            if _report(folder)["written"][JOINTS_FILE] != file_digest(file, "sha256").hexdigest():
+                return None
+        table = read_small(folder / JOINTS_FILE)
+    except (pa.ArrowException, RecordError, OSError, ValueError, TypeError, KeyError, RecursionError):
+        return None
+    made_from = (table.schema.metadata or {}).get(MADE_FROM)
+    return table if made_from == manifest_sha256.encode() and table.schema.equals(JOINTS_SCHEMA) else None
+
+
+def stored_metrics(folder: Path, manifest_sha256: str) -> pd.DataFrame | None:
+    """Return all metrics of the run; None if they are missing, damaged, or of another manifest, jbclog or version of the rules."""
+    try:
+        report = _report(folder)
+        if (report["manifest_sha256"], report["jbclog"], report["rules"]) != (manifest_sha256, __version__, RULES):
+            return None
+        rows = report["metrics"]
+        return metric_table(rows) if isinstance(rows, list) else None
+    except (RecordError, OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError):
+        return None
+
+
+def metric_table(rows: list[dict[str, object]]) -> pd.DataFrame:
+    """Return rows of metrics as a table. Raises ValueError, TypeError or KeyError for rows of another form."""
+    return pd.DataFrame(rows, columns=list(METRICS)).astype(METRICS)
+
+
+def _report(folder: Path) -> Any:
+    """Return `report.json`. Raises RecordError, OSError, or ValueError if no annotation holds its hash."""
+    data = read_foreign(folder / REPORT_FILE, Kind.REPORT)
+    if read_annotations(folder).report != sha256(data).hexdigest():
+        raise ValueError("no annotation holds the hash of this report")
+    return json_of(data)
