@@ -1,4 +1,4 @@
-"""What alarm episodes are computed from: one pass over a run's samples, and the alarm events of each port."""
+"""The input of the alarm detectors from a run's tables: one pass over the samples, and the alarm events of each port."""
 
 from __future__ import annotations
 
@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 
 from jbclog.analysis.alarms import BEFORE_ALL, WATCHED, Change, FlagRead, Rows, change_of
 from jbclog.analysis.run_tables import RunTables
-from jbclog.analysis.verdict.samples import Step, Unstepped
+from jbclog.analysis.verdict.clock_steps import Step, Unstepped
 from jbclog.core.rows import EventRow, Severity
-from jbclog.record.parts import groups_of, part_paths
-from jbclog.record.sealed_files import expect_unchanged
 
 Place = tuple[str, int]
 """Station and port."""
@@ -25,101 +23,89 @@ COLUMNS: Final = ["time", "tick", "station", "port", "temperature_c", "status", 
 CLOCK_STEP: Final = "clock.step"
 
 
-def pieces(run: RunTables) -> Iterator[pa.Table]:
-    """The samples piece by piece, in order; of a sealed run only one is in memory at a time."""
-    manifest = run.manifest
-    if manifest.state != "sealed":
-        yield from run.pieces("samples", COLUMNS)
-        return
-    parts = part_paths(run.folder, "samples")
-    expect_unchanged(run.folder, manifest, "samples", parts)
-    yield from groups_of(parts, COLUMNS)
-
-
 @dataclass(slots=True)
-class Told:
-    """What the events and settings of a run say: of each port its alarm events and what changed; the steps of the clock.
+class RunEvents:
+    """What a run's events and settings say of its alarms: of each port its alarm events and changes; the steps of the clock.
 
-    `changes` have their times less the steps before them.
+    `changes` are oldest first; their times are less the steps before them.
     """
 
-    events: dict[Place, list[EventRow]] = field(default_factory=dict)
+    alarms: dict[Place, list[EventRow]] = field(default_factory=dict)
     changes: dict[Place, list[Change]] = field(default_factory=dict)
     steps: list[Step] = field(default_factory=list)
 
 
-def told_by(run: RunTables) -> Told:
-    """Read events and settings once."""
-    told, stepped_us = Told(), 0
-    events = [*_events(run.events())]
-    for event in events:
+def read_events(run: RunTables) -> RunEvents:
+    """Return the alarm events, changes and clock steps of a run."""
+    found, stepped_us = RunEvents(), 0
+    for event in _event_rows(run.events()):
         if event.kind == CLOCK_STEP and event.value:
             stepped_us += round(event.value * 1e6)
-            told.steps.append(Step(event.time / 1e6, event.value))
+            found.steps.append(Step(event.time / 1e6, event.value))
         elif event.station is not None and event.port is not None:
             place = event.station, event.port
-            told.events.setdefault(place, []).append(event)
+            found.alarms.setdefault(place, []).append(event)
             change = change_of(event.kind, event.time - stepped_us, event.raw)
             if change is not None:
-                told.changes.setdefault(place, []).append(change)
-    for place, changes in _settings(run.settings()).items():
-        told.changes[place] = [*changes, *told.changes.get(place, ())]
-    return told
+                found.changes.setdefault(place, []).append(change)
+    for place, changes in _initial_settings(run.settings()).items():
+        found.changes[place] = [*changes, *found.changes.get(place, ())]
+    return found
 
 
-def _events(frame: pd.DataFrame) -> Iterator[EventRow]:
-    """Those that alarms are about, in their order."""
+def _event_rows(frame: pd.DataFrame) -> Iterator[EventRow]:
+    """Yield the events that concern alarms, oldest first."""
     kinds = frame["kind"]
-    wanted = frame[kinds.str.startswith("alarm.") | kinds.isin(["setting.changed", "tool.changed", CLOCK_STEP])]
-    times, earliest = micros(wanted["time"]), micros(wanted["earliest"])
-    columns = (wanted[name] for name in ("kind", "severity", "text", "station", "port", "value", "limit", "raw"))
+    rows = frame[kinds.str.startswith("alarm.") | kinds.isin(["setting.changed", "tool.changed", CLOCK_STEP])]
+    times, earliest = _micros(rows["time"]), _micros(rows["earliest"])
+    columns = (rows[name] for name in ("kind", "severity", "text", "station", "port", "value", "limit", "raw"))
     for time, early, kind, severity, text, station, port, value, limit, raw in zip(times, earliest, *columns, strict=True):
         yield EventRow(
             cast(int, time),
             kind,
             Severity(severity),
             text,
-            _or_none(station),
+            _text_or_none(station),
             None if pd.isna(port) else int(port),
             early,
             value=None if pd.isna(value) else float(value),
             limit=None if pd.isna(limit) else float(limit),
-            raw=_or_none(raw),
+            raw=_text_or_none(raw),
         )
 
 
-def _or_none(text: object) -> str | None:
+def _text_or_none(text: object) -> str | None:
     return text if isinstance(text, str) else None
 
 
-def _settings(frame: pd.DataFrame) -> dict[Place, list[Change]]:
-    """What each port held when its sampling began: these settings are told before its first row, and then only as events."""
+def _initial_settings(frame: pd.DataFrame) -> dict[Place, list[Change]]:
+    """Return the watched settings of each port, as read back before sampling began; later changes are events."""
     found: dict[Place, list[Change]] = {}
-    wanted = frame[frame["setting"].isin([*WATCHED]) & frame["port"].notna() & frame["readback"].notna()]
-    for station, port, name, text in zip(*(wanted[name] for name in ("station", "port", "setting", "readback")), strict=True):
+    rows = frame[frame["setting"].isin([*WATCHED]) & frame["port"].notna() & frame["readback"].notna()]
+    for station, port, name, text in zip(*(rows[name] for name in ("station", "port", "setting", "readback")), strict=True):
         found.setdefault((str(station), int(port)), []).append(Change(BEFORE_ALL, str(name), str(text)))
     return found
 
 
-def micros(times: pd.Series) -> list[int | None]:
-    """UTC microseconds; None where there is no time."""
+def _micros(times: pd.Series) -> list[int | None]:
+    """Return times in UTC microseconds since 1970; None for a missing one."""
     numbers = times.astype("datetime64[us, UTC]").astype("int64").tolist()
-    return [None if gone else number for number, gone in zip(numbers, times.isna(), strict=True)]
+    return [None if is_missing else number for number, is_missing in zip(numbers, times.isna(), strict=True)]
 
 
-class Piece(NamedTuple):
-    """The rows of one port in one piece of the samples."""
+class PortRows(NamedTuple):
+    """The rows of one port in a piece of the samples; `flags` only where asked for."""
 
     place: Place
     rows: Rows
     flags: list[FlagRead]
 
 
-class Ports:
-    """Takes the samples apart by station and port, in their order. `flags_of`: the ports whose flags are wanted, too.
+class PortSplitter:
+    """Splits the samples by station and port, piece by piece in their order, and finds the clock steps between the rows.
 
-    `t0_utc` is the run's zero by the wall clock as it was then, `periods` the grids of the stations: a first row that lies off
-    its grid by the size of a step came behind it.
+    `flags_of`: the ports whose flags are needed. `t0_utc`: the run's start in s since 1970. `periods`: seconds between the ticks of
+    each station, None without a grid; they show which steps came before a port's first row.
     """
 
     def __init__(
@@ -133,25 +119,24 @@ class Ports:
         self._stepped_us: dict[Place, int] = {}
         self._before_us: dict[Place, int] = {}
 
-    def of(self, piece: pa.Table) -> Iterator[Piece]:
-        """The ports that have rows in this piece."""
+    def split(self, piece: pa.Table) -> Iterator[PortRows]:
+        """Yield the rows of each port that has any in this piece."""
         names = piece["station"].cast(pa.string()).combine_chunks().dictionary_encode()
         ports = piece["port"].to_numpy().astype(np.int64)
         keys = np.asarray(names.indices.to_numpy(zero_copy_only=False)).astype(np.int64) * 16 + ports
         for key in np.unique(keys):
-            mine = piece.take(pa.array(np.flatnonzero(keys == key)))
+            own = piece.take(pa.array(np.flatnonzero(keys == key)))
             place = names.dictionary[int(key) // 16].as_py(), int(key) % 16
-            yield Piece(place, self._rows(place, mine), self._flags(mine) if place in self._flags_of else [])
+            yield PortRows(place, self._rows(place, own), _flags(own) if place in self._flags_of else [])
 
-    def _rows(self, place: Place, mine: pa.Table) -> Rows:
-        times = mine["time"].cast(pa.int64()).to_numpy()
-        columns = (values(mine[name]) for name in ("temperature_c", "status", "set_c"))
-        temperature, status, setting = columns
-        steps = self._steps_in(place, times, mine["tick"][0].as_py()) if self._steps else {}
-        return Rows(times.tolist(), mine["tick"].to_numpy().tolist(), temperature, status, setting, steps)  # type: ignore[arg-type]
+    def _rows(self, place: Place, own: pa.Table) -> Rows:
+        times = own["time"].cast(pa.int64()).to_numpy()
+        temperature, status, setpoint = (values(own[name]) for name in ("temperature_c", "status", "set_c"))
+        steps = self._steps_between(place, times, own["tick"][0].as_py()) if self._steps else {}
+        return Rows(times.tolist(), own["tick"].to_numpy().tolist(), temperature, status, setpoint, steps)  # type: ignore[arg-type]
 
-    def _steps_in(self, place: Place, times: NDArray[np.int64], tick: int) -> dict[int, int]:
-        """By how much the clock was stepped just before which of these rows."""
+    def _steps_between(self, place: Place, times: NDArray[np.int64], tick: int) -> dict[int, int]:
+        """Return row -> by how many µs the clock was stepped just before it."""
         seconds = times.astype(np.float64) / 1e6
         if place not in self._unstepped:
             number = self._steps_before(place[0], float(seconds[0]), tick)
@@ -163,22 +148,22 @@ class Ports:
         return {int(row): int(sizes[row]) for row in np.flatnonzero(np.abs(sizes) > 1000)}
 
     def _steps_before(self, station: str, first_s: float, tick: int) -> int:
-        """How many steps came before the first row of a port: as many as bring it nearest to its grid."""
+        """Return how many steps came before the first row of a port: the number that brings it closest to its grid."""
         period_s = self._periods.get(station)
         if period_s is None or self._t0_utc is None:
             return 0
         sums = np.concatenate([[0.0], np.cumsum([step.size_s for step in self._steps])])
         return int(np.argmin(np.abs(first_s - (self._t0_utc + tick * period_s) - sums)))
 
-    @staticmethod
-    def _flags(mine: pa.Table) -> list[FlagRead]:
-        read = mine.select(["time", "alarm_high", "alarm_low"]).filter(mine["alarm_high"].is_valid())
-        times = read["time"].cast(pa.int64()).to_pylist()
-        return [*map(FlagRead, times, read["alarm_high"].to_pylist(), read["alarm_low"].to_pylist())]
+
+def _flags(rows: pa.Table) -> list[FlagRead]:
+    read = rows.select(["time", "alarm_high", "alarm_low"]).filter(rows["alarm_high"].is_valid())
+    times = read["time"].cast(pa.int64()).to_pylist()
+    return [*map(FlagRead, times, read["alarm_high"].to_pylist(), read["alarm_low"].to_pylist())]
 
 
 def values(column: pa.ChunkedArray) -> list[object]:
-    """The column as a list with None for what was not read; quick where it is long."""
+    """Return a column as a list, None for a null; several times as fast as `to_pylist`."""
     array = column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
     if isinstance(array, pa.ChunkedArray):
         array = pa.concat_arrays(array.chunks)
@@ -190,7 +175,7 @@ def values(column: pa.ChunkedArray) -> list[object]:
     if not array.null_count:
         return cast(list[object], array.to_numpy(zero_copy_only=False).tolist())
     found: list[object] = [None] * len(array)
-    there = np.flatnonzero(array.is_valid().to_numpy(zero_copy_only=False))
-    for place, value in zip(there.tolist(), array.drop_null().to_numpy(zero_copy_only=False).tolist(), strict=True):
-        found[place] = value
+    valid = np.flatnonzero(array.is_valid().to_numpy(zero_copy_only=False))
+    for row, value in zip(valid.tolist(), array.drop_null().to_numpy(zero_copy_only=False).tolist(), strict=True):
+        found[row] = value
     return found

@@ -1,7 +1,7 @@
 """Alarm episodes of a run, computed from its tables.
 
-A table has a row for each episode of each detector (`TABLE`); `Alarms.incidents` puts them side by side. Works also for a run
-that is still open or was cut off, as far as its record goes.
+The table has a row for each episode of each detector (`TABLE`); `Alarms.incidents` groups them. Also works for a run that is still
+open or was cut off, as far as its record reaches.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Final
 
 import pandas as pd
 
-from jbclog.analysis.alarm_rows import Place, Ports, Told, pieces, told_by
+from jbclog.analysis.alarm_rows import COLUMNS, Place, PortSplitter, RunEvents, read_events
 from jbclog.analysis.alarms import (
     KIND,
     Detector,
@@ -29,12 +29,13 @@ from jbclog.analysis.alarms import (
     rules_of,
 )
 from jbclog.analysis.alarms.from_record import UNKNOWN as FLAGS_LOST
+from jbclog.analysis.alarms.from_record import earliest_us
 from jbclog.analysis.run_tables import RunTables, stations_of
-from jbclog.core.rows import EventRow, StationFacts
+from jbclog.core.rows import StationFacts
 from jbclog.record.annotations import read as read_annotations
 
 ACKNOWLEDGED: Final = "alarm.acknowledged"
-"""The kind of the annotation; its `what` is the episode's name."""
+"""The kind of the annotation that acknowledges an episode; its `what` is the episode's name."""
 
 TABLE: Final = {
     "episode": "str",
@@ -61,12 +62,12 @@ TABLE: Final = {
     "acknowledged_at": "time",
     "acknowledged_why": "str",
 }
-"""The columns of `Run.alarms()` and their kinds. Stable; what they mean is in `Run.alarms`."""
+"""The columns of `Run.alarms()`, which describes them, and their types."""
 
 
 @dataclass(frozen=True, slots=True)
 class Acknowledgement:
-    """Who acknowledged it, when (ISO 8601, UTC) and why."""
+    """Who acknowledged an episode, when (ISO 8601, UTC) and why."""
 
     who: str
     time: str
@@ -75,10 +76,10 @@ class Acknowledgement:
 
 @dataclass(frozen=True, slots=True)
 class Alarms:
-    """All that is to be said of a run's alarms.
+    """The alarms of a run.
 
-    `figures`: of each station by each detector. `live`: where what the recorder told while it ran is not what its record
-    gives, a sentence each. `acknowledged`: by the name of an episode; it holds for the whole incident.
+    `figures`: of each station by each detector. `live`: a sentence for each difference between the recorder's events and the
+    record. `acknowledged`: name of an episode -> acknowledgement, which applies to its whole incident.
     """
 
     incidents: list[Incident]
@@ -87,43 +88,43 @@ class Alarms:
     acknowledged: Mapping[str, Acknowledgement]
 
     def acknowledgement(self, incident: Incident) -> Acknowledgement | None:
-        """Who acknowledged any of its episodes, first."""
+        """Return the first acknowledgement of any of its episodes, or None."""
         given = (self.acknowledged.get(episode.id) for episode in incident.episodes)
         return min((one for one in given if one is not None), key=lambda one: one.time, default=None)
 
     def is_waiting(self, incident: Incident) -> bool:
-        """Whether it is an alarm, by the station or by our samples, and nobody has acknowledged it."""
+        """Whether it is an alarm, by the station or by our samples, and not acknowledged."""
         is_alarm = any(one.detector is not Detector.AFTERWARDS for one in incident.episodes)
         return is_alarm and self.acknowledgement(incident) is None
 
     def incident_of(self, episode_id: str) -> Incident | None:
-        """The incident that an episode belongs to."""
+        """Return the incident of an episode; None for an unknown name."""
         return next((one for one in self.incidents for each in one.episodes if each.id == episode_id), None)
 
     def findings(self) -> list[str]:
-        """On what the detectors do not agree, and what was acknowledged that the record does not have: a sentence each."""
-        places = (f"{one.station} port {one.port}: {one.finding}." for one in self.incidents if one.finding)
-        return [*places, *self.live, *self.astray()]
+        """Return a sentence for each disagreement of the detectors, and for each acknowledgement without an episode."""
+        disagreements = (f"{one.station} port {one.port}: {one.finding}." for one in self.incidents if one.finding)
+        return [*disagreements, *self.live, *self.without_episode()]
 
-    def astray(self) -> list[str]:
-        """What was acknowledged and is no episode of this record, a sentence each."""
+    def without_episode(self) -> list[str]:
+        """Return a sentence for each acknowledgement of an episode that the record does not give."""
         known = {episode.id for incident in self.incidents for episode in incident.episodes}
         return [
-            f"{name}: acknowledged by {given.who}; the record gives no such episode."
+            f"{name}: acknowledged by {given.who}, but the record gives no such episode."
             for name, given in self.acknowledged.items()
             if name not in known
         ]
 
     def rows(self) -> list[dict[str, object]]:
-        """A row per episode as plain values, in the order of their incidents: for reports and ``--json``."""
+        """Return a row for each episode as plain values for JSON, in the order of their incidents; times in ISO 8601."""
         return [self._row(incident, episode) for incident in self.incidents for episode in incident.episodes]
 
     def figure_rows(self) -> list[dict[str, object]]:
-        """The figures as plain values; times in ISO 8601."""
-        return [_plain(one) for one in self.figures]
+        """Return the figures as plain values for JSON; times in ISO 8601."""
+        return [_figure_row(one) for one in self.figures]
 
     def frame(self) -> pd.DataFrame:
-        """The rows as a DataFrame with the columns of `TABLE`."""
+        """Return the rows as a DataFrame with the columns of `TABLE`."""
         rows = self.rows()
         return pd.DataFrame({name: _column(kind, [row[name] for row in rows]) for name, kind in TABLE.items()})
 
@@ -157,31 +158,27 @@ class Alarms:
 
 
 def alarms_of(run: RunTables) -> Alarms:
-    """Compute the episodes of `run` from its record. Raises `RecordError`."""
-    stations, told = stations_of(run), told_by(run)
+    """Return the alarms of `run`, computed from its record. Raises `RecordError`."""
+    stations, events = stations_of(run), read_events(run)
     known = {facts.name: facts for facts in stations}
-    sampled, reads, spans = _sampled(run, known, told)
+    sampled, reads, spans = _sampled(run, known, events)
     episodes = [episode for one in sampled.values() for episode in one.found]
-    for place, events in told.events.items():
-        episodes += flag_episodes(events, reads.get(place, ()))
-    found, given = incidents(episodes, _lost_flags(told), _tell_flags(stations)), acknowledged_in(run)
+    for place, alarms in events.alarms.items():
+        episodes += flag_episodes(alarms, reads.get(place, ()))
+    found, given = incidents(episodes, _lost_flags(events), _with_flags(stations)), acknowledged_in(run)
     at = _acknowledged_us(found, given)
-    spanned = [
-        figures(name, detector, episodes, begin, end, at)
-        for name in known
-        for begin, end in [spans.get(name, (None, None))]
-        for detector in Detector
-    ]
-    return Alarms(found, spanned, list(_live_differences(episodes, told, stations)), given)
+    kpis = [figures(name, detector, episodes, *spans.get(name, (None, None)), at) for name in known for detector in Detector]
+    return Alarms(found, kpis, list(_live_differences(episodes, events, stations)), given)
 
 
 def _acknowledged_us(found: Iterable[Incident], given: Mapping[str, Acknowledgement]) -> dict[str, int]:
-    """When each episode was acknowledged, by its name: with any of its incident."""
+    """Return name of an episode -> when the first episode of its incident was acknowledged, UTC microseconds."""
     at: dict[str, int] = {}
     for incident in found:
-        said = [given[one.id].time for one in incident.episodes if one.id in given]
-        if said:
-            at |= dict.fromkeys((one.id for one in incident.episodes), round(datetime.fromisoformat(min(said)).timestamp() * 1e6))
+        times = [given[one.id].time for one in incident.episodes if one.id in given]
+        if times:
+            first_us = round(datetime.fromisoformat(min(times)).timestamp() * 1e6)
+            at |= dict.fromkeys((one.id for one in incident.episodes), first_us)
     return at
 
 
@@ -190,19 +187,19 @@ Span = tuple[int, int]
 
 
 def _sampled(
-    run: RunTables, known: Mapping[str, StationFacts], told: Told
+    run: RunTables, known: Mapping[str, StationFacts], events: RunEvents
 ) -> tuple[dict[Place, SampledEpisodes], dict[Place, list[FlagRead]], dict[str, Span]]:
-    """One pass over the samples: the episodes by samples, the flags of ports where some were lost, the time recorded."""
-    losing = frozenset(place for place, events in told.events.items() if any(event.kind == FLAGS_LOST for event in events))
+    """Return, from one pass over the samples, episodes by samples, the flags of ports that lost some, and the time recorded."""
+    losing = frozenset(place for place, alarms in events.alarms.items() if any(event.kind == FLAGS_LOST for event in alarms))
     periods = {name: facts.period_s for name, facts in known.items()}
-    ports, sampled = Ports(told.steps, losing, run.manifest.t0_utc, periods), dict[Place, SampledEpisodes]()
+    splitter, sampled = PortSplitter(events.steps, losing, run.manifest.t0_utc, periods), dict[Place, SampledEpisodes]()
     reads, spans = dict[Place, list[FlagRead]](), dict[str, Span]()
-    for piece in pieces(run):
-        for place, rows, flags in ports.of(piece):
+    for piece in run.groups("samples", COLUMNS):
+        for place, rows, flags in splitter.split(piece):
             if place not in sampled:
                 facts = known.get(place[0])
                 period_s = facts.period_s if facts else None
-                sampled[place] = SampledEpisodes(*place, period_s, told.changes.get(place, ()), rules_of(facts))
+                sampled[place] = SampledEpisodes(*place, period_s, events.changes.get(place, ()), rules_of(facts))
             sampled[place].feed(rows)
             reads.setdefault(place, []).extend(flags)
             first, last = spans.get(place[0], (rows.time_us[0], rows.time_us[-1]))
@@ -210,57 +207,50 @@ def _sampled(
     return sampled, reads, spans
 
 
-def _lost_flags(told: Told) -> dict[Place, list[Unknown]]:
+def _lost_flags(events: RunEvents) -> dict[Place, list[Unknown]]:
     return {
-        place: [Unknown(_earliest(event), event.time) for event in events if event.kind == FLAGS_LOST]
-        for place, events in told.events.items()
+        place: [Unknown(earliest_us(event), event.time) for event in alarms if event.kind == FLAGS_LOST]
+        for place, alarms in events.alarms.items()
     }
 
 
-def _earliest(event: EventRow) -> int:
-    return event.time if event.earliest is None else event.earliest
-
-
-def _tell_flags(stations: Iterable[StationFacts]) -> list[str]:
-    """The stations that tell alarm flags; where the record does not say what they tell, they do."""
+def _with_flags(stations: Iterable[StationFacts]) -> list[str]:
+    """Return the stations that report alarm flags, with those whose signals the record does not list."""
     return [
         one.name for one in stations if (not one.signals or "alarm_high" in one.signals) and "alarm_high" not in one.not_supported
     ]
 
 
-def _live_differences(episodes: Iterable[Episode], told: Told, stations: Iterable[StationFacts]) -> Iterable[str]:
-    """What the recorder told of B while it ran held against what the record gives. Older recorders told nothing."""
+def _live_differences(episodes: Iterable[Episode], found: RunEvents, stations: Iterable[StationFacts]) -> Iterable[str]:
+    """Yield a sentence for each difference between detector B's events and episodes. Early recorders had no such events."""
     evaluated = {facts.name for facts in stations if facts.alarm_rules}
     given = [one for one in episodes if one.detector is Detector.SAMPLES and one.station in evaluated]
-    events = [event for (station, _), these in told.events.items() if station in evaluated for event in these]
+    events = [event for (station, _), alarms in found.alarms.items() if station in evaluated for event in alarms]
     for kind, names in (("raised", {one.id for one in given}), ("cleared", {one.id for one in given if one.end_us is not None})):
         live = {str(event.raw) for event in events if event.kind == f"{KIND}.{kind}"}
         for name in sorted(names - live):
-            yield f"{name}: by the record it was {kind}; the recorder did not tell so while it ran."
+            yield f"{name}: {kind} by the record, but the recorder logged no such event."
         for name in sorted(live - names):
-            yield f"{name}: the recorder told that it was {kind}; the record does not give it."
+            yield f"{name}: the recorder logged it as {kind}, but the record does not give it."
 
 
 def acknowledged_in(run: RunTables) -> dict[str, Acknowledgement]:
-    """What was acknowledged since the run was sealed, by the name of the episode; the first word counts."""
+    """Return name of an episode -> its first acknowledgement; empty for a run that is not sealed."""
     if run.manifest.state != "sealed":
         return {}
     given: dict[str, Acknowledgement] = {}
-    for said in read_annotations(run.folder).said:
-        if said.kind == ACKNOWLEDGED:
-            given.setdefault(said.what, Acknowledgement(said.who, said.time, said.why))
+    for one in read_annotations(run.folder).said:
+        if one.kind == ACKNOWLEDGED:
+            given.setdefault(one.what, Acknowledgement(one.who, one.time, one.why))
     return given
 
 
-# -- plain values -----------------------------------------------------------------------------------------------------------
-
-
 def iso(micros: int | None) -> str | None:
-    """UTC as ISO 8601 with microseconds."""
+    """Return a UTC time as ISO 8601 with microseconds."""
     return None if micros is None else pd.Timestamp(micros, unit="us", tz="UTC").strftime("%Y-%m-%dT%H:%M:%S.%fZ")
 
 
-def _plain(one: Figures) -> dict[str, object]:
+def _figure_row(one: Figures) -> dict[str, object]:
     floods = [{"begin": iso(begin), "end": iso(end)} for begin, end in one.floods]
     return {**asdict(one), "detector": str(one.detector), "floods": floods, "top": [asdict(source) for source in one.top]}
 

@@ -30,9 +30,10 @@ from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.measures import Measured, PortMeasuring, measure_port
 from jbclog.analysis.run_tables import RunTables, stations_of
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA, metric_table, stored_joints, stored_metrics
+from jbclog.analysis.verdict.clock_steps import Step
 from jbclog.analysis.verdict.idle import Floats
 from jbclog.analysis.verdict.rules import has_feeder
-from jbclog.analysis.verdict.samples import Counts, Step
+from jbclog.analysis.verdict.samples import Counts
 from jbclog.core.errors import RecordError
 from jbclog.core.rows import StationFacts
 from jbclog.record.folder import joints_asked

@@ -21,7 +21,7 @@ def lines(found: Alarms) -> list[str]:
         *body,
         *(_figures(one) for one in found.figures if one.count and one.detector is not Detector.AFTERWARDS),
         *found.live,
-        *found.astray(),
+        *found.without_episode(),
     ]
 
 

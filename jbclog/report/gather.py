@@ -20,7 +20,7 @@ from jbclog.analysis.figures.style import NARROW, WIDE
 from jbclog.analysis.rejudge import is_cut_off, own_version
 from jbclog.analysis.run import Run
 from jbclog.analysis.verdict import RULES, judged_signals, measure
-from jbclog.analysis.verdict.samples import steps_of
+from jbclog.analysis.verdict.clock_steps import steps_of
 from jbclog.core.rows import StationFacts
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.chains import short_head

@@ -20,7 +20,7 @@ from jbclog.analysis.run import Run
 from jbclog.analysis.run_metrics import joints_and_metrics
 from jbclog.analysis.stored_tables import JOINTS_FILE as JOINTS
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA, joints_parquet
-from jbclog.analysis.verdict.bounds import censored_quantile
+from jbclog.analysis.verdict.quantiles import censored_quantile
 from jbclog.record.manifest import manifest_sha256
 from jbclog.report.facts import FigureFacts, JointFacts
 from jbclog.report.joint_chart import draw_chart, recovery_chart

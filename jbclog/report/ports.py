@@ -30,7 +30,7 @@ from jbclog.analysis.figures.style import NARROW, WIDE
 from jbclog.analysis.figures.ticks import moment
 from jbclog.analysis.figures.trace import Air, Grid, Limit, MarkKind, Trace
 from jbclog.analysis.verdict import PortMeasure, judged_signals
-from jbclog.analysis.verdict.samples import Step
+from jbclog.analysis.verdict.clock_steps import Step
 from jbclog.core.rows import StationFacts, TipCheck
 from jbclog.report.captions import caption, closer, closer_caption, description
 from jbclog.report.facts import AirFacts, FigureFacts, PortFacts, PowerFacts, RecordedFacts, StatesFacts, TipFacts

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.analysis.alarms.state_machine import News
+from jbclog.analysis.alarms.state_machine import Transition
 from jbclog.config.recipe import COMMAND_OF
 from jbclog.protocol.commands.decisions import DECISIONS
 from jbclog.protocol.commands.family import FAMILIES
@@ -124,7 +124,7 @@ PATTERNS = {
     "read": ("timeout", "bcc", "format", "implausible"),
     "alarm": ("high", "low"),
     "station": ("completed", "stopped", "refused", "gone", "not_started", "left_out", "failed"),
-    "alarm.episode": tuple(one.value for one in News),
+    "alarm.episode": tuple(one.value for one in Transition),
 }
 """Kinds that are put together when they are told."""
 

@@ -1,12 +1,12 @@
 """Alarm KPIs of one station (ISA-18.2): rate, floods, chattering, fleeting and stale alarms.
 
-Definitions. *Rate*: alarms raised in any ten minutes, the greatest. *Flood*: it begins with more than `FLOOD_BEGINS` alarms in
-ten minutes and ends with fewer than `FLOOD_ENDS`. *Chattering*: one limit of one port raises `CHATTERING` alarms or more
-within a minute. *Fleeting*: over in less than `FLEETING_S`. *Stale*: stands for longer than `STALE_S`. *Time between alarms*
-(MTBA): the recorded time over the number of alarms that were raised in it, from two on; one alarm gives no mean. *Latency of
-acknowledgement*: from the moment at which an alarm was raised until somebody acknowledged it, median and 95 % quantile over those
-that were; a run is acknowledged once it is sealed, so it is not shorter than what was left of the run. The numbers are those that
-practice has for the console of one operator (ISA-18.2, EEMUA 191 as quoted by vendors); here they are of one station.
+Definitions. *Rate*: the highest number of alarms raised in any ten minutes. *Flood*: begins with more than `FLOOD_BEGINS` alarms in
+ten minutes and ends with fewer than `FLOOD_ENDS`. *Chattering*: one limit of one port raises `CHATTERING` or more alarms within a
+minute. *Fleeting*: lasts less than `FLEETING_S`. *Stale*: active for longer than `STALE_S`. *Time between alarms* (MTBA): recorded
+time divided by the number of alarms raised in it, if there are two or more. *Acknowledgement latency*: from raised to acknowledged,
+median and 95 % quantile over the acknowledged alarms; alarms are acknowledged after the run is sealed, so it includes the rest of
+the run. The thresholds are those of ISA-18.2 and EEMUA 191 (as quoted by vendors) for the console of one operator; here
+they apply to one station.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ MINUTE_S: Final = 60.0
 FLEETING_S: Final = 5.0
 STALE_S: Final = 86400.0
 TOP: Final = 10
-FEWEST_APART: Final = 2
+LEAST_FOR_MTBA: Final = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """One limit of one port, as ``port 1 high``; how many of the alarms are its, and how many in per cent."""
+    """One limit of one port, as ``port 1 high``: the number of its alarms, and their share of all in per cent."""
 
     name: str
     count: int
@@ -42,7 +42,7 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class Seconds:
-    """A time in s that `n` alarms give; None, and then `why`."""
+    """A time in s computed from `n` alarms; if None, `why` has the reason."""
 
     value: float | None
     n: int
@@ -51,10 +51,10 @@ class Seconds:
 
 @dataclass(frozen=True, slots=True)
 class Figures:
-    """Of one station by one detector. Times are UTC microseconds; a flood that goes on has no end.
+    """The KPIs of one station by one detector. Times are UTC microseconds; a flood that has not ended has None as its end.
 
-    `apart` is the mean time between alarms, `ack_p50` and `ack_p95` are the latency of acknowledgement. `per_10_min` is the
-    mean over the record; None where nothing was recorded. `chattering`: the most within a minute.
+    `apart`: mean time between alarms. `ack_p50`, `ack_p95`: acknowledgement latency. `per_10_min`: mean over the record; None if
+    nothing was recorded. `chattering`: for each chattering limit the highest number of alarms within a minute.
     """
 
     station: str
@@ -81,9 +81,9 @@ def figures(
     end_us: int | None,
     acknowledged_us: Mapping[str, int] = MappingProxyType({}),
 ) -> Figures:
-    """The figures of `station` over its record, which lasts from `begin_us` to `end_us` (None: there is none).
+    """Return the KPIs of `station` over its record from `begin_us` to `end_us` (None: nothing was recorded).
 
-    `acknowledged_us` is when each episode was, by its name.
+    `acknowledged_us`: name of an episode -> when it was acknowledged.
     """
     mine = [one for one in episodes if one.station == station and one.detector is detector]
     raised = sorted(_raised_us(one) for one in mine)
@@ -113,19 +113,19 @@ def _apart(count: int, length_s: float | None) -> Seconds:
         return Seconds(None, count, "Nothing was recorded.")
     if not count:
         return Seconds(None, 0, f"No alarm was raised in {length_s:.0f} s.")
-    if count < FEWEST_APART:
+    if count < LEAST_FOR_MTBA:
         return Seconds(None, count, f"One alarm was raised in {length_s:.0f} s; a mean time between alarms takes two.")
     return Seconds(round(length_s / count, 6), count)
 
 
 def _waited_s(episodes: Sequence[Episode], acknowledged_us: Mapping[str, int]) -> list[float]:
-    """How long each that was acknowledged had been raised by then, in order; a clock that was set back tells nothing."""
+    """Return the sorted latencies of acknowledged episodes; leaves out negative ones, which come from a clock that was set back."""
     waited = [(acknowledged_us[one.id] - _raised_us(one)) / 1e6 for one in episodes if one.id in acknowledged_us]
     return sorted(seconds for seconds in waited if seconds >= 0)
 
 
 def _latency(waited: Sequence[float], count: int, share: float) -> Seconds:
-    """A quantile, between two values in proportion."""
+    """Return a quantile of the latencies, interpolated linearly."""
     if not waited:
         return Seconds(None, 0, "No alarm was raised." if not count else f"None of {count} was acknowledged.")
     place = share * (len(waited) - 1)
@@ -148,8 +148,9 @@ def _lasted_s(episode: Episode, now_us: int | None) -> float:
 
 
 def _floods(raised: Sequence[int], now_us: int | None) -> tuple[tuple[tuple[int, int | None], ...], int]:
-    """The floods, and the most alarms in any ten minutes. An alarm leaves the window ten minutes after it was raised."""
+    """Return the floods, and the highest number of alarms in any ten minutes."""
     window = round(WINDOW_S * 1e6)
+    # an alarm leaves the window ten minutes after it was raised
     moments = sorted([(moment, 1) for moment in raised] + [(moment + window, -1) for moment in raised])
     floods: list[tuple[int, int | None]] = []
     count = most = 0
@@ -167,7 +168,7 @@ def _floods(raised: Sequence[int], now_us: int | None) -> tuple[tuple[tuple[int,
 
 
 def _chattering(episodes: Sequence[Episode]) -> dict[str, int]:
-    """The limits that chatter: the most alarms that each raised within a minute."""
+    """Return each chattering limit, with the highest number of alarms that it raised within a minute."""
     most: dict[str, int] = {}
     recent: dict[str, deque[int]] = {}
     for one in sorted(episodes, key=_raised_us):

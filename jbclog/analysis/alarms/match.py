@@ -1,7 +1,7 @@
-"""Match the episodes of the three detectors to incidents, and find where the detectors disagree.
+"""Groups the episodes of the three detectors into incidents, and finds where the detectors disagree.
 
-Episodes of one port and side belong together where their widest intervals overlap: from the last reading without to the first
-reading without again. A disagreement is a finding with a sentence: it says what may have been, not what was.
+Episodes of one port and side belong to one incident if their widest intervals overlap: from the last reading without the alarm to
+the first reading without it again. A disagreement is a finding, a sentence with the possible causes.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class Unknown(NamedTuple):
 
 @dataclass(slots=True)
 class Incident:
-    """What happened once on one port at one limit, as each detector saw it; `finding` says on what they do not agree."""
+    """One excursion of one port beyond one limit, as each detector saw it. `finding`: how the detectors disagree."""
 
     number: int
     station: str
@@ -34,7 +34,7 @@ class Incident:
 
     @property
     def name(self) -> str:
-        """The episode that stands for it: our samples' before the station's, which are told later."""
+        """The name of its main episode: by our samples, else by the station, whose flags come later, else the first excursion."""
         ranks = (Detector.SAMPLES, Detector.STATION, Detector.AFTERWARDS)
         return min(self.episodes, key=lambda one: (ranks.index(one.detector), one.onset_us)).id
 
@@ -44,19 +44,19 @@ class Incident:
 
 
 def incidents(
-    episodes: Iterable[Episode], unknown: Mapping[tuple[str, int], Sequence[Unknown]], flags_told: Iterable[str]
+    episodes: Iterable[Episode], unknown: Mapping[tuple[str, int], Sequence[Unknown]], with_flags: Iterable[str]
 ) -> list[Incident]:
-    """All incidents in the order in which they began, numbered from 1, with the findings.
+    """Return all incidents with their findings in the order in which they began, numbered from 1.
 
-    `unknown`: lost readings of the flags by station and port. `flags_told`: the stations that tell flags at all.
+    `unknown`: lost readings of the flags by station and port. `with_flags`: the stations that report alarm flags.
     """
-    told = frozenset(flags_told)
+    reporting = frozenset(with_flags)
     found = [Incident(0, *place, group) for place, group in _groups(episodes)]
     found.sort(key=lambda one: (one.begin_us, one.station, one.port, one.side))
     for number, one in enumerate(found, 1):
         one.number = number
         one.by = {detector: [each for each in one.episodes if each.detector is detector] for detector in Detector}
-        one.finding = _finding(one, unknown.get((one.station, one.port), ()), flags_told=one.station in told)
+        one.finding = _finding(one, unknown.get((one.station, one.port), ()), has_flags=one.station in reporting)
     return found
 
 
@@ -64,15 +64,15 @@ Place = tuple[str, int, Side]
 
 
 def _groups(episodes: Iterable[Episode]) -> Iterable[tuple[Place, list[Episode]]]:
-    """Episodes of one place whose intervals overlap, directly or by others."""
+    """Yield groups of episodes of one port and side whose intervals overlap, directly or through others."""
     places: dict[Place, list[Episode]] = {}
     for episode in episodes:
         places.setdefault((episode.station, episode.port, episode.side), []).append(episode)
-    for place, those in places.items():
-        those.sort(key=lambda one: (one.onset_earliest_us, one.detector))
+    for place, of_place in places.items():
+        of_place.sort(key=lambda one: (one.onset_earliest_us, one.detector))
         group: list[Episode] = []
         until: float = 0
-        for one in those:
+        for one in of_place:
             if group and one.onset_earliest_us > until:
                 yield place, group
                 group = []
@@ -85,29 +85,29 @@ def _until_us(episode: Episode) -> float:
     return float("inf") if episode.cleared_us is None or episode.end_us is None else episode.cleared_us
 
 
-def _finding(one: Incident, unknown: Sequence[Unknown], *, flags_told: bool) -> str | None:
+def _finding(one: Incident, unknown: Sequence[Unknown], *, has_flags: bool) -> str | None:
     station, samples, excursions = (one.by[detector] for detector in Detector)
     if station and not samples:
         return _station_only(one, station, excursions)
-    if samples and not station and flags_told:
+    if samples and not station and has_flags:
         return _samples_only(one, samples, unknown)
     return None
 
 
 def _station_only(one: Incident, station: list[Episode], excursions: list[Episode]) -> str:
-    said = f"the station raised its {one.side}-temperature flag"
+    text = f"the station raised its {one.side}-temperature flag"
     if excursions:
         longest = max((each.seconds for each in excursions if each.seconds is not None), default=None)
-        lasted = "" if longest is None else f" ({longest:.1f} s at the longest)"
-        return f"{said}; our samples were beyond the limit too, but not for as long as the delay{lasted}"
+        lasted = "" if longest is None else f" (longest {longest:.1f} s)"
+        return f"{text}; our samples exceeded the limit too, but not for the whole delay{lasted}"
     limit = "" if station[0].limit_c is None else f" beyond {station[0].limit_c:g} °C"
-    return f"{said}; no sample is{limit}: it was between two of our readings, or is left from before"
+    return f"{text}; no sample is{limit}: it was between two of our readings, or is left from before"
 
 
 def _samples_only(one: Incident, samples: list[Episode], unknown: Sequence[Unknown]) -> str:
     first, last = samples[0], samples[-1]
     delay = f" for longer than {first.on_delay_s:g} s" if first.on_delay_s else ""
-    said = f"our samples were beyond {first.limit_c:g} °C{delay}; the station's {one.side}-temperature flag was not read as set"
+    text = f"our samples were beyond {first.limit_c:g} °C{delay}; the station's {one.side}-temperature flag was not read as set"
     if any(lost.time_us >= first.onset_earliest_us and lost.earliest_us <= _until_us(last) for lost in unknown):
-        return f"{said}: an answer to the flags was lost meanwhile, and the flag may have gone with it"
-    return f"{said}: its limit or delay is not what was read back, or the flag was lost"
+        return f"{text}: an answer with the flags was lost meanwhile, which may have shown it"
+    return f"{text}: its limit or delay differs from what was read back, or the flag was lost"

@@ -1,11 +1,11 @@
-"""Alarm states of one port, row by row. The recorder and the analysis of a record both feed it.
+"""Alarm states of one port, row by row. The recorder and the analysis of a record both use it.
 
-Only rows in which temperature and status were read say anything; any other is a gap. Time is that of the grid, tick × period;
-without a grid (``--rate max``) it is UTC. Two readings follow each other where at most `GAP_PERIODS` periods lie between them
-(`GAP_S` without a grid); longer is a gap, which delays do not count.
+Only rows with temperature and status are readings; any other row is a gap. Time is that of the grid, tick × period; without a grid
+(``--rate max``) it is UTC. Two readings are consecutive if at most `GAP_PERIODS` periods lie between them (`GAP_S` without a grid);
+delays do not count a longer gap.
 
-A setting found changed at a moment holds for the rows behind it: in a record, where rows and events stand in different
-tables, that is the order in which they came.
+A changed setting applies to rows with a later time. In a record, rows and events stand in different tables: this is the order in
+which they were recorded.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from jbclog.analysis.alarms.state_machine import (
     SETPOINTS,
     SWITCHED_OFF,
     TOOL_CHANGED,
-    WORKING,
-    Arrival,
     Condition,
     Detector,
     Machine,
-    News,
     Phase,
+    Report,
     Rules,
     Side,
-    Told,
-    bare,
-    defined,
-    number,
+    Transition,
+    definition_of,
+    number_of,
 )
 
 GAP_PERIODS: Final = 2.0
 GAP_S: Final = 2.0
+WORKING: Final = frozenset(["working", "on"])
+BAND_C: Final = 10
+COOLS_WITHIN_S: Final = 10.0
 TOOL: Final = "tool"
 BEFORE_ALL: Final = 0
-"""The moment of what held when sampling began."""
+"""The time of settings that were read before sampling began."""
 
 
 class Change(NamedTuple):
@@ -51,8 +51,50 @@ class Change(NamedTuple):
     text: str | None = None
 
 
+class Arrival:
+    """Whether the tool in one port has reached its setpoint since it was put there; only then its alarms count.
+
+    The same rule as in a session (`jbclog/session/run/watch.py`): the tool works, and it is within ±10 °C of the setpoint, passed
+    through it between two readings, or was found hotter and has not cooled for ten seconds.
+    """
+
+    __slots__ = ("_above", "has_arrived", "previous_c")
+
+    def __init__(self) -> None:
+        self.has_arrived = False
+        self.previous_c: float | None = None
+        self._above: tuple[float, float] | None = None  # since when it is hotter than its setpoint, and its temperature then
+
+    def reset(self) -> None:
+        """Start again, because the tool was changed."""
+        self.has_arrived, self._above = False, None
+
+    def see(self, seconds: float, value: float, setpoint: float | None, *, works: bool) -> None:
+        """Take a reading in °C at `seconds`."""
+        if setpoint is not None and works and not self.has_arrived:
+            self.has_arrived = self._reaches(value, setpoint) or self._stays_above(seconds, value, setpoint)
+            self._note_above(seconds, value, setpoint)
+        self.previous_c = value
+
+    def _reaches(self, value: float, setpoint: float) -> bool:
+        has_passed = self.previous_c is not None and (self.previous_c < setpoint) != (value < setpoint)
+        return has_passed or abs(value - setpoint) <= BAND_C
+
+    def _stays_above(self, seconds: float, value: float, setpoint: float) -> bool:
+        if value <= setpoint + BAND_C or self._above is None:
+            return False
+        since_s, then_c = self._above
+        return seconds - since_s >= COOLS_WITHIN_S and value >= then_c
+
+    def _note_above(self, seconds: float, value: float, setpoint: float) -> None:
+        if value <= setpoint + BAND_C:
+            self._above = None
+        elif self._above is None or seconds - self._above[0] >= COOLS_WITHIN_S:
+            self._above = seconds, value
+
+
 class PortWatch:
-    """The alarms of one port by one detector or more. `period_s` is None where there is no grid."""
+    """The alarms of one port by one or more detectors. `period_s` None: no grid."""
 
     def __init__(self, station: str, port: int, period_s: float | None, rules: Rules, detectors: Sequence[Detector]) -> None:
         self._stepped_us = 0
@@ -60,124 +102,117 @@ class PortWatch:
         self._gap_s = GAP_S if period_s is None else GAP_PERIODS * period_s * (1 + 1e-9)
         self._rules = rules
         self._changes: deque[Change] = deque()
-        self._held: dict[str, float | None] = {}
+        self._settings: dict[str, float | None] = {}
         self._machines = [Machine(station, port, side, detector) for detector in detectors for side in Side]
         self._arrival = Arrival()
-        self._setting: float | None = None
-        self._tool_changed = False  # and has not come to its setting since
+        self._setpoint: float | None = None
+        self._is_tool_new = False  # changed, and has not reached its setpoint since
         self._tick, self._us = 0, 0  # of the last reading
         self._has_read = False
-        self._stands = False
-        self._low, self._high = inf, -inf  # within these nothing can happen
+        self._is_raised = False
+        self._low, self._high = inf, -inf  # a reading between them changes nothing
 
     def change(self, change: Change) -> None:
-        """Something else was learnt than a row; in their order. Times are less what the wall clock was stepped before."""
+        """Note a change of a setting or the tool, oldest first. Its time is less the steps of the wall clock before it."""
         self._changes.append(change)
 
     def step(self, size_us: int) -> None:
-        """The wall clock was stepped; the rows that follow are by the new one."""
+        """Follow a step of the wall clock: later rows have times of the new clock."""
         self._stepped_us += size_us
         self._us += size_us
         for machine in self._machines:
             machine.step_clock(size_us)
 
-    def row(self, time_us: int, tick: int, temperature: float | None, status: str | None, set_c: float | None) -> Sequence[Told]:
-        """The next row of this port; what is new."""
+    def row(self, time_us: int, tick: int, temperature: float | None, status: str | None, set_c: float | None) -> Sequence[Report]:
+        """Take the next row of this port and return the transitions of its episodes."""
         if self._changes:
-            self._apply(time_us - self._stepped_us)
+            self._apply_changes(time_us - self._stepped_us)
         if set_c is not None:
-            self._setting = set_c
+            self._setpoint = set_c
         if temperature is None or status is None:
-            return self._miss(tick, time_us) if self._stands else ()
+            return self._miss(tick, time_us) if self._is_raised else ()
         if self._low <= temperature <= self._high and status in WORKING:
-            self._tick, self._us, self._arrival.before_c = tick, time_us, temperature
+            self._tick, self._us, self._arrival.previous_c = tick, time_us, temperature
             return ()
-        return self._closely(time_us, tick, temperature, works=status in WORKING)
+        return self._evaluate(time_us, tick, temperature, works=status in WORKING)
 
-    # -- settings -----------------------------------------------------------------------------------------------------------
-
-    def _apply(self, before_us: int) -> None:
-        """Let what was found before a row's time hold."""
+    def _apply_changes(self, before_us: int) -> None:
+        """Apply the changes that were found before a row's time."""
         while self._changes and self._changes[0].at_us < before_us:
             change = self._changes.popleft()
             if change.name == TOOL:
-                self._arrival.forget()
-                self._tool_changed = True
+                self._arrival.reset()
+                self._is_tool_new = True
             elif change.name in SETPOINTS:
-                self._setting = number(change.text)
+                self._setpoint = number_of(change.text)
             else:
-                self._held[change.name] = number(change.text)
+                self._settings[change.name] = number_of(change.text)
             self._low, self._high = inf, -inf
-        self._define()
-
-    def _define(self) -> None:
         for machine in self._machines:
-            definition = defined(machine.side, self._held, self._rules)
-            machine.definition = bare(definition) if machine.detector is Detector.AFTERWARDS else definition
-
-    # -- rows ---------------------------------------------------------------------------------------------------------------
+            definition = definition_of(machine.side, self._settings, self._rules)
+            if definition is not None and machine.detector is Detector.AFTERWARDS:
+                definition = definition.without_delays()
+            machine.definition = definition
 
     def _seconds(self, tick: int, time_us: int) -> float:
         return tick * self._period_s if self._period_s is not None else (time_us - self._stepped_us) / 1e6
 
     def _since_last_s(self, tick: int, time_us: int) -> float:
-        """Seconds since the last reading; infinite where there is none."""
+        """Return the seconds since the last reading; infinity if there is none."""
         if not self._has_read:
             return inf
         if self._period_s is not None:
             return (tick - self._tick) * self._period_s
         return (time_us - self._us) / 1e6
 
-    def _miss(self, tick: int, time_us: int) -> list[Told]:
-        """Note a missing reading; after a while it is not known whether an alarm is still active."""
-        if self._since_last_s(tick, time_us) < self._rules.stale_s:
-            return []
-        return list(self._lose())
+    def _miss(self, tick: int, time_us: int) -> list[Report]:
+        """Note a missing reading; after `stale_s` it is uncertain whether an alarm is still active."""
+        return self._lose() if self._since_last_s(tick, time_us) >= self._rules.stale_s else []
 
-    def _lose(self) -> list[Told]:
-        told: list[Told] = []
+    def _lose(self) -> list[Report]:
+        """Mark raised episodes as uncertain and return those that were not."""
+        reports: list[Report] = []
         for machine in self._machines:
             episode = machine.episode
-            if machine.stands and episode is not None and not episode.is_lost:
+            if machine.is_raised and episode is not None and not episode.is_lost:
                 episode.is_lost = episode.is_uncertain = True
-                told.append((News.UNCERTAIN, episode))
-        return told
+                reports.append((Transition.UNCERTAIN, episode))
+        return reports
 
-    def _closely(self, time_us: int, tick: int, value: float, *, works: bool) -> list[Told]:
+    def _evaluate(self, time_us: int, tick: int, value: float, *, works: bool) -> list[Report]:
         since_s = self._since_last_s(tick, time_us)
-        told = self._lose() if self._stands and since_s >= self._rules.stale_s else []
-        self._arrival.see(self._seconds(tick, time_us), value, self._setting, works=works)
-        counts = works and self._arrival.has_come
-        told += self._step_all(value, since_s, time_us, counts=counts)
+        reports = self._lose() if self._is_raised and since_s >= self._rules.stale_s else []
+        self._arrival.see(self._seconds(tick, time_us), value, self._setpoint, works=works)
+        counts = works and self._arrival.has_arrived
+        reports += self._step_machines(value, since_s, time_us, counts=counts)
         self._tick, self._us, self._has_read = tick, time_us, True
         if counts:
-            self._tool_changed = False
-        self._look_ahead(counts=counts)
-        return told
+            self._is_tool_new = False
+        self._set_quiet_range(counts=counts)
+        return reports
 
-    def _step_all(self, value: float, since_s: float, time_us: int, *, counts: bool) -> list[Told]:
-        told = []
+    def _step_machines(self, value: float, since_s: float, time_us: int, *, counts: bool) -> list[Report]:
         elapsed_s = since_s if 0 < since_s <= self._gap_s else 0.0
         before_us = self._us if self._has_read else time_us
+        reports = []
         for machine in self._machines:
-            definition = machine.definition
-            if counts and definition is not None:
-                condition, reason = definition.condition(value), RETURNED
+            if counts and machine.definition is not None:
+                condition, reason = machine.definition.condition(value), RETURNED
             else:
-                condition, reason = Condition.NOT_COUNTED, self._reason(counts=counts)
-            news = machine.step(condition, elapsed_s, before_us, time_us, value, reason)
-            if news is not None:
-                told.append(news)
-        return told
+                condition, reason = Condition.NOT_COUNTED, self._end_reason(counts=counts)
+            report = machine.step(condition, elapsed_s, before_us, time_us, value, reason)
+            if report is not None:
+                reports.append(report)
+        return reports
 
-    def _reason(self, *, counts: bool) -> str:
+    def _end_reason(self, *, counts: bool) -> str:
         if counts:
             return SWITCHED_OFF
-        return TOOL_CHANGED if self._tool_changed else NOT_WORKING
+        return TOOL_CHANGED if self._is_tool_new else NOT_WORKING
 
-    def _look_ahead(self, *, counts: bool) -> None:
-        """Where nothing stands nor is pending, a reading within all limits changes nothing."""
-        self._stands = any(machine.stands for machine in self._machines)
+    def _set_quiet_range(self, *, counts: bool) -> None:
+        """Set the temperatures that change nothing: those within all limits, while no alarm is pending or raised."""
+        self._is_raised = any(machine.is_raised for machine in self._machines)
         self._low, self._high = inf, -inf
         if counts and all(machine.phase is Phase.NORMAL for machine in self._machines):
             limits = {machine.side: machine.definition.limit_c for machine in self._machines if machine.definition is not None}

@@ -1,11 +1,14 @@
-"""Alarms on samples: definition, arming, states and episodes (ISA-18.2).
+"""One alarm on samples: its definition, its states, and its episodes (ISA-18.2).
 
 ::
 
-    normal --beyond--> pending --beyond for the on delay--> active --back--> clearing --back for the off delay--> normal
+    normal --beyond--> pending --beyond for the on-delay--> active --back--> clearing --back for the off-delay--> normal
 
-Delays are measured in time that was observed: between two readings that follow each other. A gap changes no state and
-stops the clock of a delay, so that it neither raises nor clears. What does not count ends everything at once.
+Limit and delay are the station's, as read back (`settings`), so that its flags and our samples are compared by the same limits. An
+alarm whose limit or delay is off or not known is not evaluated.
+
+Delays count observed time: between two consecutive readings. A gap changes no state and stops the clock of a delay, so it neither
+raises nor clears. A reading that does not count (tool not working, alarm off) ends an episode at once.
 """
 
 from __future__ import annotations
@@ -15,36 +18,44 @@ from datetime import UTC, datetime, timedelta
 from enum import Enum, StrEnum
 from typing import Final
 
-# -- definition ---------------------------------------------------------------------------------------------------------------
-# An alarm on samples: a limit, an on-delay, a deadband and an off-delay.
-#
-# Limit and delay are the station's, as read back (`settings`), so that both sides speak of the same thing. What no station
-# holds is in `Rules`. An alarm whose limit or delay is off or not known is not evaluated.
-
 
 class Side(StrEnum):
-    """Which limit is passed."""
+    """Which limit is exceeded."""
 
     HIGH = "high"
     LOW = "low"
 
 
-class Condition(Enum):
-    """What one reading says of one alarm."""
+LIMIT: Final = {Side.HIGH: "alarm_high_limit", Side.LOW: "alarm_low_limit"}
+DELAY: Final = {Side.HIGH: "alarm_high_delay", Side.LOW: "alarm_low_delay"}
+SETPOINTS: Final = frozenset(["selected_temperature", "selected_air_temperature"])
+WATCHED: Final = frozenset([*LIMIT.values(), *DELAY.values(), *SETPOINTS])
+"""The settings that the evaluation needs, by their names in `settings`."""
 
-    GAP = "gap"  # nothing: it was not read
-    NOT_COUNTED = "not counted"  # the tool does not work, has not come to its setting yet, or the alarm is off
+TOLERANCE_S: Final = 1e-6  # of sums of periods
+RETURNED: Final = "returned"
+NOT_WORKING: Final = "not working"
+TOOL_CHANGED: Final = "tool changed"
+SWITCHED_OFF: Final = "switched off"
+"""Why an episode ended; `end_reason` in the table of alarms."""
+
+
+class Condition(Enum):
+    """The result of one reading for one alarm."""
+
+    GAP = "gap"  # not read
+    NOT_COUNTED = "not counted"  # the tool does not work or has not reached its setpoint, or the alarm is off
     BEYOND = "beyond"
-    IN_BAND = "in band"  # within the limit, and not yet by the dead band
+    IN_BAND = "in band"  # within the limit, but not by the deadband
     BACK = "back"
 
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """What the evaluation of samples adds to a station's limit and delay.
+    """What the evaluation adds to a station's limit and delay.
 
-    `dead_band_c`: so far within the limit a reading must be to count as back. `off_delay_s`: so long must it be back; None is
-    as long as the delay of the alarm. `stale_s`: without a reading for so long it is uncertain whether an alarm still stands.
+    `dead_band_c`: how far within the limit a reading counts as back. `off_delay_s`: how long it must stay back; None: as long as
+    the on-delay. `stale_s`: after this time without a reading it is uncertain whether the alarm is still active.
     """
 
     dead_band_c: float = 2.0
@@ -63,99 +74,35 @@ class Definition:
     dead_band_c: float = 0.0
 
     def condition(self, value: float) -> Condition:
-        """What a reading of a tool that counts says. At the limit is not beyond it."""
+        """Return the condition for a reading that counts. A reading at the limit is not beyond it."""
         excess = value - self.limit_c if self.side is Side.HIGH else self.limit_c - value
         if excess > 0:
             return Condition.BEYOND
         return Condition.BACK if excess <= -self.dead_band_c else Condition.IN_BAND
 
-
-LIMIT: Final = {Side.HIGH: "alarm_high_limit", Side.LOW: "alarm_low_limit"}
-DELAY: Final = {Side.HIGH: "alarm_high_delay", Side.LOW: "alarm_low_delay"}
-SETPOINTS: Final = frozenset(["selected_temperature", "selected_air_temperature"])
-WATCHED: Final = frozenset([*LIMIT.values(), *DELAY.values(), *SETPOINTS])
-"""The settings that an evaluation follows, by their names in `settings`."""
+    def without_delays(self) -> Definition:
+        """Return the same limit without delays and deadband: every sampled excursion counts."""
+        return Definition(self.side, self.limit_c)
 
 
-def number(text: str | None) -> float | None:
-    """A setting as a number, ``380``, ``0.50 s``; None where it is off or not known."""
+def definition_of(side: Side, settings: dict[str, float | None], rules: Rules) -> Definition | None:
+    """Return the alarm by the station's settings; None if it is off or not known."""
+    limit, delay = settings.get(LIMIT[side]), settings.get(DELAY[side])
+    if limit is None or delay is None:
+        return None
+    return Definition(side, limit, delay, delay if rules.off_delay_s is None else rules.off_delay_s, rules.dead_band_c)
+
+
+def number_of(text: str | None) -> float | None:
+    """Return the number of a setting such as ``380`` or ``0.50 s``; None if it is off or not known."""
     try:
         return float(str(text).split(" ", 1)[0])
     except ValueError:
         return None
 
 
-def defined(side: Side, held: dict[str, float | None], rules: Rules) -> Definition | None:
-    """The alarm by what the station holds; None where it is off or not known."""
-    limit, delay = held.get(LIMIT[side]), held.get(DELAY[side])
-    if limit is None or delay is None:
-        return None
-    return Definition(side, limit, delay, delay if rules.off_delay_s is None else rules.off_delay_s, rules.dead_band_c)
-
-
-def bare(definition: Definition | None) -> Definition | None:
-    """The same limit without delays and dead band: every excursion that was sampled."""
-    return None if definition is None else Definition(definition.side, definition.limit_c)
-
-
-# -- arming -------------------------------------------------------------------------------------------------------------------
-# An alarm counts once the tool has first reached its setpoint, by the same rows as in the session.
-#
-# The same rule as `session/run/watch.py` (docs/reference/exit-codes.md): at work, and
-# within ±10 °C of the setting, or passed through it
-# from one reading to the next, or found hotter than it and not cooling for ten seconds.
-
-BAND_C: Final = 10
-COOLS_WITHIN_S: Final = 10.0
-WORKING: Final = frozenset(["working", "on"])
-
-
-class Arrival:
-    """Whether the tool in one port has come to its setting. A tool that was changed has not."""
-
-    __slots__ = ("_above", "before_c", "has_come")
-
-    def __init__(self) -> None:
-        self.has_come = False
-        self.before_c: float | None = None  # the reading before
-        self._above: tuple[float, float] | None = None  # since when it is hotter than its setting, and how hot it was then
-
-    def forget(self) -> None:
-        """The tool was changed."""
-        self.has_come, self._above = False, None
-
-    def see(self, seconds: float, value: float, setting: float | None, *, works: bool) -> None:
-        """Take a reading in °C at `seconds`."""
-        if setting is not None and works and not self.has_come:
-            self.has_come = self._enters(value, setting) or self._stays_above(seconds, value, setting)
-            self._note_above(seconds, value, setting)
-        self.before_c = value
-
-    def _enters(self, value: float, setting: float) -> bool:
-        passed = self.before_c is not None and (self.before_c < setting) != (value < setting)
-        return passed or abs(value - setting) <= BAND_C
-
-    def _stays_above(self, seconds: float, value: float, setting: float) -> bool:
-        if value <= setting + BAND_C or self._above is None:
-            return False
-        since, then = self._above
-        return seconds - since >= COOLS_WITHIN_S and value >= then
-
-    def _note_above(self, seconds: float, value: float, setting: float) -> None:
-        if value <= setting + BAND_C:
-            self._above = None
-        elif self._above is None or seconds - self._above[0] >= COOLS_WITHIN_S:
-            self._above = seconds, value
-
-
-# -- episode ------------------------------------------------------------------------------------------------------------------
-# One alarm from start to end, each known as an interval between two readings.
-
-_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
-
-
 class Detector(StrEnum):
-    """Who says so: A the station, by its flag; B our samples with delays and dead band; C every sampled excursion."""
+    """Who detects an episode: A the station by its flag, B our samples with delays and deadband, C every sampled excursion."""
 
     STATION = "A"
     SAMPLES = "B"
@@ -163,28 +110,22 @@ class Detector(StrEnum):
 
 
 class State(StrEnum):
-    """Whether it stands at the end of what is known. Whether it was acknowledged is a question of its own."""
+    """Whether an episode is active at the end of the record. Acknowledgement is independent of it."""
 
     ACTIVE = "active"
     CLEARED = "cleared"
-    UNCERTAIN = "uncertain"  # it stood when it was last read, too long ago
-
-
-RETURNED: Final = "returned"
-NOT_WORKING: Final = "not working"
-TOOL_CHANGED: Final = "tool changed"
-SWITCHED_OFF: Final = "switched off"
+    UNCERTAIN = "uncertain"  # active when it was last read, too long ago
 
 
 @dataclass(slots=True)
 class Episode:
-    """Times are UTC microseconds, temperatures °C.
+    """One alarm from start to end, each known as an interval between two readings. Times are UTC microseconds, temperatures °C.
 
-    It began after `onset_earliest_us` (the last reading without it) and at `onset_us` at the latest (the first reading with
-    it); it ended after `end_earliest_us`, at `end_us` at the latest. `raised_us` is when it was known: with B its delay was
-    over, with A its flag was read. `peak_c` is the farthest that was sampled. `cleared_us`: when its end was known.
-    `is_uncertain`: for some time in between nothing was read for so long that it may have ended and begun again.
-    `is_confirmed`: for A, that a temperature which was read bears the flag out.
+    It began after `onset_earliest_us` (the last reading without it) and no later than `onset_us` (the first reading with it); it
+    ended after `end_earliest_us` and no later than `end_us`. `raised_us`: when it became known, which is for B at the end of the
+    delay, and for A when the flag was read. `peak_c`: the sampled peak. `cleared_us`: when its end became known. `is_uncertain`: at
+    some time nothing was read for so long that it may have ended and begun again. `is_confirmed`: for A, a temperature supports the
+    flag. `stepped_us`: by how much the wall clock was stepped between onset and end.
     """
 
     station: str
@@ -201,14 +142,14 @@ class Episode:
     end_us: int | None = None
     cleared_us: int | None = None
     end_reason: str | None = None
-    is_lost: bool = False  # nothing was read of it for too long, and not since
+    is_lost: bool = False  # not read for too long, and not since
     is_uncertain: bool = False
     is_confirmed: bool = True
-    stepped_us: int = 0  # by how much the wall clock was stepped between its onset and its end
+    stepped_us: int = 0
 
     @property
     def id(self) -> str:
-        """Its name, the same however often it is computed: detector, side, station, port and the moment of its onset."""
+        """Its name, the same each time it is computed: detector, side, station, port and onset."""
         return f"{self.detector}-{self.side}-{self.station}-p{self.port}-{moment_text(self.onset_us)}"
 
     @property
@@ -219,45 +160,44 @@ class Episode:
 
     @property
     def seconds(self) -> float | None:
-        """From the first reading with it to the first without it; None while it stands."""
+        """Duration from the first reading with it to the first without it; None before its end."""
         return None if self.end_us is None else (self.end_us - self.onset_us - self.stepped_us) / 1e6
 
     def see(self, value: float) -> None:
-        """Take a reading into `peak_c`."""
+        """Update `peak_c` with a reading."""
         if self.peak_c is None or (value > self.peak_c if self.side is Side.HIGH else value < self.peak_c):
             self.peak_c = value
 
     def end(self, earliest_us: int, latest_us: int, known_us: int, reason: str) -> None:
-        """It is over: between these two readings, as was known at `known_us`."""
+        """End it between the readings at `earliest_us` and `latest_us`, as became known at `known_us`."""
         self.end_earliest_us, self.end_us, self.cleared_us, self.end_reason = earliest_us, latest_us, known_us, reason
         self.is_lost = False
 
 
 def moment_text(micros: int) -> str:
-    """``20261121T013205.123Z``: a moment in a name."""
-    moment = _EPOCH + timedelta(microseconds=micros)
+    """Return a UTC time as part of a name: ``20261121T013205.123Z``."""
+    moment = datetime(1970, 1, 1, tzinfo=UTC) + timedelta(microseconds=micros)
     return f"{moment:%Y%m%dT%H%M%S}.{micros // 1000 % 1000:03d}Z"
 
 
-# -- state machine ------------------------------------------------------------------------------------------------------------
-
-
 class Phase(Enum):
+    """The state of a `Machine`; an episode has been raised in the phases active and clearing."""
+
     NORMAL = "normal"
     PENDING = "pending"
     ACTIVE = "active"
     CLEARING = "clearing"
 
 
-class News(Enum):
-    """What a step told of an episode."""
+class Transition(Enum):
+    """A change of an episode that is reported; its value is the last part of the event's kind."""
 
     RAISED = "raised"
     CLEARED = "cleared"
     UNCERTAIN = "uncertain"
 
 
-Told = tuple[News, Episode]
+Report = tuple[Transition, Episode]
 
 _GAP, _OFF, _BEYOND, _BAND, _BACK = Condition
 _NORMAL, _PENDING, _ACTIVE, _CLEARING = Phase
@@ -268,9 +208,7 @@ NEXT: Final = {
     _ACTIVE: {_GAP: _ACTIVE, _OFF: _NORMAL, _BEYOND: _ACTIVE, _BAND: _ACTIVE, _BACK: _CLEARING},
     _CLEARING: {_GAP: _CLEARING, _OFF: _NORMAL, _BEYOND: _ACTIVE, _BAND: _ACTIVE, _BACK: _CLEARING},
 }
-"""Phase and condition to the next phase. Pending and clearing are left for active and normal once their delay is over."""
-
-TOLERANCE_S: Final = 1e-6  # of sums of periods
+"""Phase and condition -> next phase. At the end of its delay, pending becomes active, and clearing becomes normal."""
 
 
 class Machine:
@@ -287,35 +225,36 @@ class Machine:
         self._end = (0, 0, RETURNED)
 
     @property
-    def stands(self) -> bool:
-        """Whether it was raised and has not cleared."""
+    def is_raised(self) -> bool:
+        """Whether an episode was raised and has not cleared."""
         return self.phase is _ACTIVE or self.phase is _CLEARING
 
     def step(
         self, condition: Condition, elapsed_s: float, before_us: int, now_us: int, value: float, reason: str = RETURNED
-    ) -> Told | None:
-        """Take a reading: `elapsed_s` of observed time after the one before it; what is new, or None.
+    ) -> Report | None:
+        """Take the reading at `now_us` and return what it changes, or None.
 
-        `reason` is why it does not count, where it does not.
+        The previous reading was at `before_us`; `elapsed_s` of the time between them was observed. `reason` is the end reason for a
+        reading that does not count.
         """
         if condition is _GAP:
             return None
-        was, then = self.phase, NEXT[self.phase][condition]
-        self._observed_s = self._observed_s + elapsed_s if then is was else 0.0
-        if was is _NORMAL and then is _PENDING:
+        before, after = self.phase, NEXT[self.phase][condition]
+        self._observed_s = self._observed_s + elapsed_s if after is before else 0.0
+        if before is _NORMAL and after is _PENDING:
             self._begin(before_us, now_us)
-        if was is _ACTIVE and then is not _ACTIVE:
+        if before is _ACTIVE and after is not _ACTIVE:
             self._end = before_us, now_us, reason if condition is _OFF else RETURNED
-        self.phase = self._ripe(then)
+        self.phase = self._after_delay(after)
         if self.episode is None:
             return None
         self.episode.is_lost = False
         if condition is _BEYOND:
             self.episode.see(value)
-        return self._told(self.episode, was, now_us)
+        return self._report(self.episode, before, now_us)
 
     def step_clock(self, size_us: int) -> None:
-        """The wall clock was stepped: what is to come is by the new one."""
+        """Follow a step of the wall clock: later readings have times of the new clock."""
         if self.episode is not None:
             self.episode.stepped_us += size_us
         earliest, latest, reason = self._end
@@ -326,23 +265,23 @@ class Machine:
         limit, delay = self.definition.limit_c, self.definition.on_delay_s
         self.episode = Episode(self.station, self.port, self.side, self.detector, before_us, now_us, limit, delay)
 
-    def _ripe(self, phase: Phase) -> Phase:
-        """The phase itself, or what it becomes where its delay is over."""
+    def _after_delay(self, phase: Phase) -> Phase:
+        """Return the phase, or the one that it becomes if its delay is over."""
         if self.definition is not None and phase is _PENDING and self._observed_s >= self.definition.on_delay_s - TOLERANCE_S:
             return _ACTIVE
         if self.definition is not None and phase is _CLEARING and self._observed_s >= self.definition.off_delay_s - TOLERANCE_S:
             return _NORMAL
         return phase
 
-    def _told(self, episode: Episode, was: Phase, now_us: int) -> Told | None:
+    def _report(self, episode: Episode, before: Phase, now_us: int) -> Report | None:
         if self.phase is _ACTIVE and episode.raised_us is None:
             episode.raised_us = now_us
-            return News.RAISED, episode
+            return Transition.RAISED, episode
         if self.phase is not _NORMAL:
             return None
         self.episode = None
-        if was is _PENDING:
+        if before is _PENDING:
             return None
         earliest, latest, reason = self._end
         episode.end(earliest, latest, now_us, reason)
-        return News.CLEARED, episode
+        return Transition.CLEARED, episode

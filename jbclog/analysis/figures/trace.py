@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from jbclog.analysis.figures.curves import Floats, Span, dates, within
-from jbclog.analysis.verdict.samples import Step, Unstepped
+from jbclog.analysis.verdict.clock_steps import Step, Unstepped
 
 JOINED_PERIODS = 1.5  # samples further apart than this are not joined by a line
 SETTING_JOINED_S = 15.0  # the setting is due each 5 s; two losses are bridged in the drawing, and only there

@@ -25,9 +25,10 @@ from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import counter_span, feeds_counted
 from jbclog.analysis.joints.sweeps import PortSweeps
 from jbclog.analysis.verdict import Feeds, PortJoints, Recovery
+from jbclog.analysis.verdict.clock_steps import Step, steps_of
 from jbclog.analysis.verdict.idle import Floats
 from jbclog.analysis.verdict.rules import has_feeder, has_tip
-from jbclog.analysis.verdict.samples import Counts, Step, steps_of
+from jbclog.analysis.verdict.samples import Counts
 from jbclog.core.rows import StationFacts
 from jbclog.record.folder import joints_asked
 from jbclog.record.parts import row_groups

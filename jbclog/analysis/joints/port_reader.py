@@ -19,9 +19,10 @@ from jbclog.analysis.joints.port_rows import COLUMNS, PUSHING, WORKING, Clock
 from jbclog.analysis.joints.series import Series, nominal_period
 from jbclog.analysis.joints.values import Values
 from jbclog.analysis.joints.windows import Windows, joined, placed
+from jbclog.analysis.verdict.clock_steps import Step
 from jbclog.analysis.verdict.idle import Block, Flags, Floats
 from jbclog.analysis.verdict.rules import has_feeder, has_tip
-from jbclog.analysis.verdict.samples import Counts, Step
+from jbclog.analysis.verdict.samples import Counts
 from jbclog.core.rows import StationFacts
 from jbclog.record.schema import SCHEMAS
 

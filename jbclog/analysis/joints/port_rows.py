@@ -8,9 +8,10 @@ from typing import Final
 import numpy as np
 
 from jbclog.analysis.joints.series import Cycles
+from jbclog.analysis.verdict.clock_steps import Step, Unstepped
 from jbclog.analysis.verdict.idle import Floats
 from jbclog.analysis.verdict.rules import has_tip
-from jbclog.analysis.verdict.samples import Counts, Step, Unstepped
+from jbclog.analysis.verdict.samples import Counts
 from jbclog.core.rows import StationFacts
 
 COLUMNS: Final = [

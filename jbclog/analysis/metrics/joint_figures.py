@@ -20,8 +20,8 @@ from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import RESOLUTION_C, RESOLUTION_PERMILLE
 from jbclog.analysis.joints.thermal import Delay
 from jbclog.analysis.metrics.energy import Totals
-from jbclog.analysis.verdict.bounds import censored_quantile
 from jbclog.analysis.verdict.evidence import not_read
+from jbclog.analysis.verdict.quantiles import censored_quantile
 
 HALF, NEARLY_ALL = 0.5, 0.95
 NONE_FOUND: Final = "No joints were found."

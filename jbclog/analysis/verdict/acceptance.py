@@ -1,4 +1,4 @@
-"""What a verdict may rest on: a recipe's `[acceptance]`, whoever holds it."""
+"""The limits of a verdict: a recipe's `[acceptance]`, as a protocol, so that no recipe model is needed here."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Final, Literal, Protocol
 BARE: Final = "none"
 SURE: Final = 0.95
 Confidence = float | Literal["none"]
-"""`SURE`, or that figures are judged without a bound."""
+"""`SURE`, or `BARE`: figures are judged without a bound."""
 
 
 class Acceptance(Protocol):
-    """The limits of one station. None: the recipe does not ask for it, and it is not judged."""
+    """The limits of one station. None: the recipe states no such limit, and it is not judged."""
 
     @property
     def coverage_percent(self) -> float | None:
-        """Least share of the due readings of the tip temperature that are there."""
+        """Minimum coverage: readings of the tip temperature obtained / readings due."""
 
     @property
     def longest_gap_s(self) -> float | None:
@@ -24,48 +24,48 @@ class Acceptance(Protocol):
 
     @property
     def idle_error_c(self) -> float | None:
-        """Greatest distance, either way, of the idle tip from its setting, on average."""
+        """Maximum mean difference of the idle tip from its setpoint, in either direction."""
 
     @property
     def idle_sd_c(self) -> float | None:
-        """Greatest standard deviation of the idle tip around its setting."""
+        """Maximum standard deviation of the idle tip around its mean."""
 
     @property
     def confidence(self) -> Confidence:
-        """The confidence that a figure's bound has to have for a limit to be kept, or that bare figures are judged."""
+        """Confidence of the bound that must keep a limit, or `BARE`."""
 
     @property
     def alarms_max(self) -> int | None:
-        """How many counted alarms are allowed."""
+        """Maximum number of counted alarms."""
 
     @property
     def verification_days(self) -> float | None:
-        """Greatest age of the tip's verification against an external thermometer when the run began."""
+        """Maximum age of the tip verification when the run began."""
 
     @property
     def recovery_p95_s(self) -> float | None:
-        """Longest time in which the tip is to be back after 95 joints of 100."""
+        """Maximum recovery time of 95 joints of 100."""
 
     @property
     def recovered_before_next_percent(self) -> float | None:
-        """Least share of the joints after which the tip is back before the next one."""
+        """Minimum share of the joints after which the tip is back before the next one."""
 
     @property
     def joints_against_counter_percent(self) -> float | None:
-        """Greatest difference, either way, of the joints found from the feeds that the feeder counted."""
+        """Maximum difference between joints found and dispensing cycles counted, in either direction."""
 
     @property
     def reached_within_c(self) -> float | None:
-        """How near to its setting a tool has to come. None: the usual distance (`reached`)."""
+        """How close to its setpoint a tool has to come. None: the default of `reached.py`."""
 
     @property
     def at_work_percent(self) -> float | None:
-        """For how much of the time after that it has to be at work. None: the usual share."""
+        """Minimum share of the time after that at work. None: the default of `reached.py`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """An `Acceptance` of plain values, for callers without a recipe model."""
+    """An `Acceptance` of plain values, for callers without a recipe."""
 
     coverage_percent: float | None = None
     longest_gap_s: float | None = None
@@ -81,9 +81,9 @@ class Limits:
     confidence: Confidence = SURE
 
 
-REACHED_LIMITS = ("reached_within_c", "at_work_percent")
-JOINT_LIMITS = ("recovery_p95_s", "recovered_before_next_percent", "joints_against_counter_percent")
-LIMIT_NAMES = (
+REACHED_LIMITS: Final = ("reached_within_c", "at_work_percent")
+JOINT_LIMITS: Final = ("recovery_p95_s", "recovered_before_next_percent", "joints_against_counter_percent")
+LIMIT_NAMES: Final = (
     "coverage_percent",
     "longest_gap_s",
     "idle_error_c",
@@ -93,10 +93,8 @@ LIMIT_NAMES = (
     *JOINT_LIMITS,
     *REACHED_LIMITS,
 )
-
-
 ESTIMATED_LIMITS: Final = ("idle_error_c", "idle_sd_c", "recovery_p95_s")
-"""Those about figures that are estimates, and so have a bound."""
+"""The limits about estimated figures, which have a bound."""
 
 
 def is_bare(acceptance: Acceptance) -> bool:
@@ -105,10 +103,10 @@ def is_bare(acceptance: Acceptance) -> bool:
 
 
 def asks_for_anything(acceptance: Acceptance | None) -> bool:
-    """Whether there is any limit at all to judge by."""
+    """Whether a recipe states any limit."""
     return acceptance is not None and any(getattr(acceptance, name) is not None for name in LIMIT_NAMES)
 
 
 def asks_for_joints(acceptance: Acceptance | None) -> bool:
-    """Whether joints have to be looked for, which costs time, before it can be judged."""
+    """Whether a recipe limits joints, which then have to be searched before it can be judged; that takes time."""
     return acceptance is not None and any(getattr(acceptance, name) is not None for name in JOINT_LIMITS)

@@ -1,6 +1,6 @@
 """The rules about joints: recovery time, share recovered before the next joint, and joints against the feeder's counter.
 
-*Recovery* is judged by the 95 % quantile over a port's joints and its upper bound (`bounds.py`). A joint's recovery is the time
+*Recovery* is judged by the 95 % quantile over a port's joints and its upper bound (`quantiles.py`). A joint's recovery is the time
 from its start until the tip is back at its resting level (`analysis/joints/recovery.py`). A joint that the next one interrupts is
 censored in the quantile and counts as longer than any other in the bound, like one whose recovery is not known. If more than 5 %
 are known to exceed the limit, it is broken. Joints that the record cuts off do not count.
@@ -19,8 +19,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from jbclog.analysis.verdict.acceptance import Acceptance, is_bare
-from jbclog.analysis.verdict.bounds import SHARE, censored_quantile, upper_p95
 from jbclog.analysis.verdict.evidence import Evidence, Feeds, PortJoints, not_read
+from jbclog.analysis.verdict.quantiles import SHARE, censored_quantile, upper_p95
 from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.rules import has_feeder, has_tip, not_applicable
 from jbclog.core.rows import StationFacts
@@ -56,13 +56,13 @@ def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoint
     """Return the rule about the 95 % quantile of recovery."""
     if not has_tip(facts):
         return not_applicable(RECOVERY, facts.name, port, most_s, "s", "joints")
-    told = [one for one in seen.recoveries if one is not None]
-    decided = [one for one in told if one.back is not None]
+    known = [one for one in seen.recoveries if one is not None]
+    decided = [one for one in known if one.back is not None]
     if not decided or seen.why is not None:
         text = _unknown(seen) or _none_known(seen)
         return Rule(RECOVERY, facts.name, port, most_s, None, "s", Result.MISSING, text)
     late = sum(one.back is False for one in decided)
-    value = censored_quantile([(one.seconds, bool(one.back)) for one in told], SHARE)
+    value = censored_quantile([(one.seconds, bool(one.back)) for one in known], SHARE)
     longer = sum(one.seconds > most_s for one in decided)
     if value is None:
         text = f"After {late} of {len(decided)} joints the next one began before the tip recovered."
@@ -78,9 +78,9 @@ def _bounded_recovery(facts: StationFacts, port: int, most_s: float, value: floa
     """Return the rule with the bound of its quantile."""
     counted = [one for one in seen.recoveries if one is None or one.back is not None]
     hidden = [None] * seen.hidden
-    told = [one.seconds if one is not None and one.back else None for one in counted]
-    bound = upper_p95(told)
-    bound = upper_p95([*told, *hidden]) if hidden and not isinstance(bound, str) else bound
+    times = [one.seconds if one is not None and one.back else None for one in counted]
+    bound = upper_p95(times)
+    bound = upper_p95([*times, *hidden]) if hidden and not isinstance(bound, str) else bound
     text = f"95 % of {_joints(len(counted))} recovered within {value:.2f} s, allowed {most_s:g} s."
     if value > most_s:
         kept = None if isinstance(bound, str) else bound

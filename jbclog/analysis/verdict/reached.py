@@ -18,8 +18,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from jbclog.analysis.verdict.idle import SETTING_HOLDS_S, Block, Flags, Floats, allowed_misses, floored, shown
-from jbclog.analysis.verdict.rule import Figure, Result, Rule
+from jbclog.analysis.verdict.idle import SETTING_HOLDS_S, Block, Flags, Floats
+from jbclog.analysis.verdict.rule import Figure, Result, Rule, allowed_misses, floored, shown
 
 RULE: Final = "reached"
 WITHIN_C, AT_WORK_PERCENT = 10.0, 80.0
@@ -39,7 +39,7 @@ class Asks:
 
 @dataclass(slots=True)
 class Stretch:
-    """While tool and setting are the same: seconds at work, the arrival, and how far from the setting it was at the nearest."""
+    """A time with one tool and setpoint: seconds at work, the arrival, and the closest that the tool came to the setpoint."""
 
     tool: float
     setting: float
@@ -47,16 +47,16 @@ class Stretch:
     arrived_s: float | None = None
     nearest_c: float | None = None
     last_s: float | None = None  # of the last reading at work
-    last_away_c: float = 0.0  # its temperature less the setting
-    _recent: list[tuple[float, float]] = field(default_factory=list)  # the distances of the last `APPROACH_S`
+    last_away_c: float = 0.0  # its temperature minus the setpoint
+    _recent: list[tuple[float, float]] = field(default_factory=list)  # times and distances in the last `APPROACH_S`
 
     def take(self, seconds: Floats, away: Floats, step_s: float, within_c: float) -> None:
-        """Readings at work: their times, and how far from the setting they are."""
+        """Add readings at work: their times in s, and temperature minus setpoint in °C."""
         distance = np.abs(away)
         before = np.concatenate(([self.last_away_c if self.last_s is not None else away[0]], away[:-1]))
-        there = np.flatnonzero((distance <= within_c) | (before * away < 0))
-        if self.arrived_s is None and len(there):
-            self.arrived_s = float(seconds[there[0]])
+        arrived = np.flatnonzero((distance <= within_c) | (before * away < 0))
+        if self.arrived_s is None and len(arrived):
+            self.arrived_s = float(seconds[arrived[0]])
         nearest = float(away[int(np.argmin(distance))])
         if self.nearest_c is None or abs(nearest) < abs(self.nearest_c):
             self.nearest_c = nearest
@@ -68,30 +68,30 @@ class Stretch:
 
     @property
     def is_approaching(self) -> bool:
-        """Whether it was still coming nearer with its last readings."""
+        """Whether its last readings still came closer to the setpoint."""
         return len(self._recent) > 1 and self._recent[0][1] - self._recent[-1][1] >= APPROACH_C
 
 
 @dataclass(slots=True)
 class Heat:
-    """What the rows of one port show of its heat; they are given in their order."""
+    """The heat of one port, from its rows oldest first: stretches with one tool and setpoint, and the rows since the arrival."""
 
-    step_s: float | None  # None: no grid, then it is measured
+    step_s: float | None  # None: no grid; then measured
     within_c: float = WITHIN_C
     stretches: list[Stretch] = field(default_factory=list)
     known: int = 0  # rows whose status was read
-    rows_since: int = 0  # from the first arrival on: rows, those whose status was read, those at work
+    rows_since: int = 0  # rows from the first arrival on; of these, with a status, and at work
     known_since: int = 0
     working_since: int = 0
     first_s: float | None = None
     known_s: float = 0.0
     greatest_c: float | None = None
-    _setting: tuple[float, float] | None = None  # the setting last read, and when
+    _setting: tuple[float, float] | None = None  # the setpoint last read, and when
     _tool: float = float("nan")
     _last_s: float | None = None
 
     def feed(self, rows: Block, known: Flags) -> None:
-        """Take the next rows, and in which of them the status was read."""
+        """Take the next rows, and which of them have a status."""
         if self.first_s is None:
             self.first_s = float(rows.seconds[0])
         step = self._step(rows.seconds)
@@ -103,9 +103,9 @@ class Heat:
         if len(read):
             self.greatest_c = max(float(read.max()), self.greatest_c if self.greatest_c is not None else -np.inf)
         before = self.arrived_s
-        for these in _alike(tool, setting, usable):
-            stretch = self._stretch(float(tool[these[0]]), float(setting[these[0]]))
-            stretch.take(rows.seconds[these], rows.temperature[these] - setting[these], step, self.within_c)
+        for part in _alike(tool, setting, usable):
+            stretch = self._stretch(float(tool[part[0]]), float(setting[part[0]]))
+            stretch.take(rows.seconds[part], rows.temperature[part] - setting[part], step, self.within_c)
         arrived = self.arrived_s
         if arrived is not None:
             since = np.ones(len(known), dtype=np.bool_) if before is not None else rows.seconds >= arrived - 1e-9
@@ -131,23 +131,23 @@ class Heat:
         return float(np.median(np.diff(times))) if len(times) > 1 else 0.0
 
     def _settings(self, rows: Block) -> Floats:
-        """The setting in force in each row: the one last read, for `SETTING_HOLDS_S` at most."""
-        known = np.flatnonzero(~np.isnan(rows.setting))
+        """Return the setpoint in each row: the one last read, for at most `SETTING_HOLDS_S`; NaN where it is not known."""
+        read = np.flatnonzero(~np.isnan(rows.setting))
         held = np.full(len(rows.seconds), np.nan)
-        last = np.searchsorted(known, np.arange(len(held)), side="right") - 1
+        last = np.searchsorted(read, np.arange(len(held)), side="right") - 1
         has = last >= 0
-        held[has] = rows.setting[known[last[has]]]
+        held[has] = rows.setting[read[last[has]]]
         age = np.full(len(held), np.inf)
-        age[has] = rows.seconds[has] - rows.seconds[known[last[has]]]
+        age[has] = rows.seconds[has] - rows.seconds[read[last[has]]]
         if self._setting is not None:
             held[~has], age[~has] = self._setting[0], rows.seconds[~has] - self._setting[1]
         held[age > SETTING_HOLDS_S] = np.nan
-        if len(known):
-            self._setting = float(rows.setting[known[-1]]), float(rows.seconds[known[-1]])
+        if len(read):
+            self._setting = float(rows.setting[read[-1]]), float(rows.seconds[read[-1]])
         return held
 
     def _tools(self, rows: Block) -> Floats:
-        """The tool last read in each row; NaN where none was read yet."""
+        """Return the tool last read in each row; NaN before the first reading."""
         if rows.tool is None:
             return np.full(len(rows.seconds), np.nan)
         tool = np.concatenate(([self._tool], rows.tool))
@@ -166,14 +166,14 @@ class Heat:
 
     @property
     def is_on_its_way(self) -> bool:
-        """Whether it was coming nearer when the record ended."""
+        """Whether it was approaching its setpoint when the record ended."""
         if not self.stretches or self._last_s is None:
             return False
         last = self.stretches[-1]
         return last.is_approaching and last.last_s is not None and self._last_s - last.last_s <= APPROACH_S
 
     def finish(self, last_due_s: float | None) -> None:
-        """No more rows: ticks without rows up to the last due one were due, too."""
+        """End the rows; ticks without rows up to the last due one count as due too."""
         if self.step_s and self.arrived_s is not None and self._last_s is not None:
             end = max(self._last_s, self._last_s if last_due_s is None else last_due_s)
             self.rows_since = max(self.rows_since, round((end - self.arrived_s) / self.step_s) + 1)
@@ -191,11 +191,11 @@ def _alike(tool: Floats, setting: Floats, usable: Flags) -> list[NDArray[np.int6
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """The limits in °C and per cent, and whether the recipe orders the tool to work."""
+    """The limits in °C and per cent, and whether the recipe ordered the tool to work."""
 
     within_c: float
     percent: float
-    told: bool
+    is_ordered: bool
 
 
 def reached_rule(station: str, port: int, limit: Limit, asks: Asks, heat: Heat | None) -> Rule:
@@ -204,10 +204,11 @@ def reached_rule(station: str, port: int, limit: Limit, asks: Asks, heat: Heat |
     return Rule(RULE, station, port, limit.percent, observed, "%", result, text)
 
 
-Seen = tuple[Figure | None, Result, str]
+Judged = tuple[Figure | None, Result, str]
+"""Observed figure, result and sentence of the rule."""
 
 
-def _judged(limit: Limit, asks: Asks, heat: Heat | None) -> Seen:
+def _judged(limit: Limit, asks: Asks, heat: Heat | None) -> Judged:
     if heat is None or not heat.known:
         return None, Result.MISSING, "The tool's status was never read."
     if heat.arrived_s is None:
@@ -219,9 +220,9 @@ def _judged(limit: Limit, asks: Asks, heat: Heat | None) -> Seen:
     return _share(limit, heat)
 
 
-def _not_arrived(limit: Limit, asks: Asks, heat: Heat) -> Seen:
+def _not_arrived(limit: Limit, asks: Asks, heat: Heat) -> Judged:
     warmest = "" if heat.greatest_c is None else f"; maximum {heat.greatest_c:.0f} °C"
-    if not heat.stretches and not limit.told:
+    if not heat.stretches and not limit.is_ordered:
         if limit.percent == 0:
             return None, Result.NOT_APPLICABLE, f"Never at work, as the recipe allows{warmest}."
         ordered = "has no [run] status" if asks.status is None else f'has status = "{asks.status}"'
@@ -235,7 +236,7 @@ def _not_arrived(limit: Limit, asks: Asks, heat: Heat) -> Seen:
     text = f"In {heat.at_work_s:.1f} s at work, the tool {_nearest(limit, last)}"
     if heat.is_on_its_way:
         return "not reached", Result.MISSING, f"{text} It was still approaching when its record ended."
-    if (heat.known_s if limit.told else heat.at_work_s) < ENOUGH_S:
+    if (heat.known_s if limit.is_ordered else heat.at_work_s) < ENOUGH_S:
         return "not reached", Result.MISSING, f"{text} That is too short; {ENOUGH_S:g} s are needed."
     return "not reached", Result.FAIL, text
 
@@ -245,7 +246,7 @@ def _nearest(limit: Limit, stretch: Stretch) -> str:
     return f"did not come within {shown(limit.within_c)} °C of {stretch.setting:.0f} °C{nearest}."
 
 
-def _share(limit: Limit, heat: Heat) -> Seen:
+def _share(limit: Limit, heat: Heat) -> Judged:
     assert heat.arrived_s is not None
     setting = next(one.setting for one in heat.stretches if one.arrived_s is not None)
     due, away = heat.rows_since, heat.known_since - heat.working_since
@@ -260,6 +261,6 @@ def _share(limit: Limit, heat: Heat) -> Seen:
         return percent, Result.PASS, text
     if away <= allowed:
         return percent, Result.MISSING, f"{text} Not known for {shown(floored(100 * (due - heat.known_since) / due))} % of it."
-    if not limit.told:
+    if not limit.is_ordered:
         return percent, Result.MISSING, f"{text} The recipe did not order it to work."
     return percent, Result.FAIL, text

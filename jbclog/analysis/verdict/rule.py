@@ -1,9 +1,11 @@
-"""One line of a verdict: what was asked, what was found, and a sentence that says so."""
+"""One line of a verdict: the limit, the observed figure and the result; and how percentages are judged and shown."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from enum import StrEnum
+from math import ceil, floor
+from typing import Final
 
 from jbclog.analysis.verdict.bounds import Bound
 
@@ -11,9 +13,9 @@ from jbclog.analysis.verdict.bounds import Bound
 class Result(StrEnum):
     PASS = "pass"
     FAIL = "fail"
-    MISSING = "missing"  # there is not enough evidence to say
-    DEVIATION = "deviation"  # no limit was broken, and it was not as planned
-    NOT_APPLICABLE = "not applicable"  # the station tells nothing that the limit is about
+    MISSING = "missing"  # not enough evidence
+    DEVIATION = "deviation"  # no limit broken, but not as planned
+    NOT_APPLICABLE = "not applicable"  # the station does not report what the limit is about
 
 
 Figure = float | int | str
@@ -21,10 +23,9 @@ Figure = float | int | str
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """`limit` and `observed` are numbers in `unit` where they can be, else words; None: not known.
+    """`limit` and `observed` are numbers in `unit`, or words; None: not known. `text` is a sentence for people.
 
-    `bound` is there where the figure is an estimate; what was counted in full needs none. A limit is kept by the bound, too,
-    or it is not known to be kept.
+    An estimated figure has a `bound`, which must keep the limit too; a figure that was counted in full has none.
     """
 
     name: str
@@ -38,5 +39,27 @@ class Rule:
     bound: Bound | None = None
 
     def as_dict(self) -> dict[str, object]:
-        """For `manifest.verdict_rules` and `report.json`."""
+        """Return the form of `manifest.verdict_rules` and `report.json`."""
         return {**asdict(self), "result": self.result.value}
+
+
+RESOLVES: Final = 20
+"""With fewer readings than this, one missing reading is more than the resolution excuses."""
+
+
+def allowed_misses(due: int, least_percent: float) -> int:
+    """Return how many of the readings due may be missing.
+
+    A limit between two counts is the lower one: 99.5 % of 194 readings is 193.03, and 193 keep it. 100 % is all of them.
+    """
+    return ceil(due * (100 - least_percent) / 100 - 1e-9)
+
+
+def floored(percent: float) -> float:
+    """Return a percentage with two decimals, never rounded up to a limit that is missed."""
+    return floor(percent * 100 + 1e-9) / 100
+
+
+def shown(figure: float) -> str:
+    """Return a figure with up to two decimals, without trailing zeros."""
+    return f"{figure:.2f}".rstrip("0").rstrip(".")

@@ -1,41 +1,16 @@
-"""The rules of a verdict, and what broke none and was not as planned."""
+"""The rules about a run and its stations, and deviations: what broke no limit but was not as planned."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 
-from jbclog.analysis.verdict.acceptance import BARE, ESTIMATED_LIMITS, LIMIT_NAMES, REACHED_LIMITS, Acceptance, is_bare
-from jbclog.analysis.verdict.bounds import Bound
+from jbclog.analysis.verdict.acceptance import BARE, ESTIMATED_LIMITS, LIMIT_NAMES, Acceptance, is_bare
 from jbclog.analysis.verdict.evidence import Event, Evidence, Outcomes, PortLedger
-from jbclog.analysis.verdict.idle import NOT_IDLE, NOT_SEEN_IDLE, RESOLVES, allowed_misses
-from jbclog.analysis.verdict.idle import floored as _floor
-from jbclog.analysis.verdict.idle import shown as _shown
-from jbclog.analysis.verdict.reached import AT_WORK_PERCENT, ORDERS_WORK, WITHIN_C, Asks, Limit, reached_rule
-from jbclog.analysis.verdict.reached import RULE as REACHED
 from jbclog.analysis.verdict.rule import Result, Rule
-from jbclog.analysis.verdict.samples import SKIPPED, TEMPERATURE, WITHOUT_TIP, PortMeasure, judged_signals
-from jbclog.analysis.verdict.versions import BOUNDS_HOLD
+from jbclog.analysis.verdict.samples import TEMPERATURE, WITHOUT_TIP
 from jbclog.core.rows import Goal, StationFacts
 
-
-def goal_rules(evidence: Evidence) -> Iterator[Rule]:
-    """Yield a rule for each goal (units, joints); of two goals one is enough. Falling short is a deviation."""
-    is_met = any(goal.is_met for goal in evidence.goals)
-    for goal in evidence.goals:
-        yield Rule(f"goal_{goal.what}", None, None, goal.wanted, goal.reached, goal.what, _result(goal, is_met), goal.text)
-
-
-def _result(goal: Goal, is_met: bool) -> Result:
-    if goal.is_met:
-        return Result.PASS
-    if is_met:
-        return Result.NOT_APPLICABLE
-    return Result.MISSING if goal.reached is None else Result.DEVIATION
-
-
 COUNTED_ALARMS = ("alarm.high", "alarm.low")
-COUNTED_SEVERITIES = ("error", "critical")
 WITH_FEEDER = ("ale",)
 
 RUN_ENDINGS = {
@@ -57,6 +32,43 @@ STATION_ENDINGS = {
 CONFIDENCE = "confidence"
 JUDGED_BARE = 'The recipe judges figures without their bounds (confidence = "none").'
 NEVER_ANSWERED = "The station never answered."
+NO_LIMITS = "Its recipe states no limits; it is recorded and not judged."
+
+NOT_AS_PLANNED = frozenset(
+    {
+        "alarm.unconfirmed",  # a flag without a matching temperature
+        "alarm.unknown",  # a lost answer: there may have been a flag
+        "clock.step",
+        "host.suspended",
+        "link.flooded",
+        "link.lost",
+        "safety.no_cooldown",  # allow_no_cooldown was used
+        "setting.changed",
+        "tool.changed",
+    }
+)
+"""Events that are deviations from severity warning on. Deviations break no limit but prevent a plain ACCEPT."""
+
+ENDINGS = ("station.completed", "station.stopped", "station.refused", "station.gone", "station.failed")
+AT_THE_START = ("station.not_started", "station.left_out")
+JUDGED = frozenset({*COUNTED_ALARMS, *ENDINGS, *AT_THE_START, "run.start", "run.end"})
+SEVERE = ("error", "critical")
+"""Every event of these severities is judged by a rule or is a deviation."""
+
+
+def goal_rules(evidence: Evidence) -> Iterator[Rule]:
+    """Yield a rule for each goal (units, joints); of two goals one is enough. Falling short is a deviation."""
+    is_met = any(goal.is_met for goal in evidence.goals)
+    for goal in evidence.goals:
+        yield Rule(f"goal_{goal.what}", None, None, goal.wanted, goal.reached, goal.what, _result(goal, is_met), goal.text)
+
+
+def _result(goal: Goal, is_met: bool) -> Result:
+    if goal.is_met:
+        return Result.PASS
+    if is_met:
+        return Result.NOT_APPLICABLE
+    return Result.MISSING if goal.reached is None else Result.DEVIATION
 
 
 def record_rule(evidence: Evidence) -> Rule:
@@ -87,6 +99,12 @@ def station_rules(
         yield alarms_rule(facts, acceptance.alarms_max, evidence, events)
 
 
+def bare_rule(facts: StationFacts, acceptance: Acceptance) -> Iterator[Rule]:
+    """Yield a note where the recipe judges figures without their bounds."""
+    if is_bare(acceptance) and any(getattr(acceptance, name) is not None for name in ESTIMATED_LIMITS):
+        yield Rule(CONFIDENCE, facts.name, None, BARE, None, "", Result.NOT_APPLICABLE, JUDGED_BARE)
+
+
 def settings_rule(facts: StationFacts, outcomes: Outcomes) -> Rule:
     """Return the rule that every setting of the recipe is confirmed. Settings of other families do not count."""
     station, counts, lacking = facts.name, outcomes.counts, outcomes.lacking
@@ -112,9 +130,9 @@ def settings_rule(facts: StationFacts, outcomes: Outcomes) -> Rule:
 
 def alarms_rule(facts: StationFacts, most: int, evidence: Evidence, events: Sequence[Event]) -> Rule:
     """Return the rule about the number of high and low alarms; missing evidence if the flags were never read."""
-    if not tells(facts, "alarm_high"):
+    if not reports(facts, "alarm_high"):
         return not_applicable("alarms", facts.name, None, most, "", "alarm flags")
-    count = sum(event.kind in COUNTED_ALARMS and event.severity in COUNTED_SEVERITIES for event in events)
+    count = sum(event.kind in COUNTED_ALARMS and event.severity in SEVERE for event in events)
     if count > most:
         text = f"{count} alarm{'s' * (count != 1)} counted; {most} allowed."
         return Rule("alarms", facts.name, None, most, count, "", Result.FAIL, text)
@@ -132,10 +150,7 @@ def used_ports(facts: StationFacts, evidence: Evidence) -> list[int]:
     return [port for port in facts.ports if not never_had_a_tool(facts, port, evidence.port_ledger(facts.name, port))]
 
 
-NO_STATE_TOLD = "Every answer lacked the digit of the state, so no state is known."
-
-
-def tells(facts: StationFacts, signal: str) -> bool:
+def reports(facts: StationFacts, signal: str) -> bool:
     """Whether the station reports this signal; True if the record does not list its signals."""
     return not facts.signals or signal in facts.signals
 
@@ -145,15 +160,15 @@ def no_limit_applies(facts: StationFacts, acceptance: Acceptance) -> bool:
     applies = {
         "coverage_percent": True,
         "longest_gap_s": True,
-        "idle_error_c": tells(facts, TEMPERATURE),
-        "idle_sd_c": tells(facts, TEMPERATURE),
-        "alarms_max": tells(facts, "alarm_high"),
-        "verification_days": tells(facts, TEMPERATURE),
+        "idle_error_c": reports(facts, TEMPERATURE),
+        "idle_sd_c": reports(facts, TEMPERATURE),
+        "alarms_max": reports(facts, "alarm_high"),
+        "verification_days": reports(facts, TEMPERATURE),
         "recovery_p95_s": has_tip(facts),
         "recovered_before_next_percent": has_tip(facts),
         "joints_against_counter_percent": has_feeder(facts),
-        "reached_within_c": tells(facts, TEMPERATURE),
-        "at_work_percent": tells(facts, TEMPERATURE),
+        "reached_within_c": reports(facts, TEMPERATURE),
+        "at_work_percent": reports(facts, TEMPERATURE),
     }
     return not any(applies[name] for name in LIMIT_NAMES if getattr(acceptance, name) is not None)
 
@@ -164,7 +179,7 @@ def has_tip(facts: StationFacts) -> bool:
 
 
 def has_feeder(facts: StationFacts) -> bool:
-    """Whether it counts feeds."""
+    """Whether the station counts dispensing cycles."""
     return facts.family in WITH_FEEDER
 
 
@@ -180,222 +195,14 @@ def never_had_a_tool(facts: StationFacts, port: int, ledger: PortLedger) -> bool
     return port not in facts.touched and not temperature.get("ok") and bool(temperature.get("no_tool"))
 
 
-def port_rules(
-    facts: StationFacts, port: int, acceptance: Acceptance, ledger: PortLedger, measure: PortMeasure | None, by: int
-) -> Iterator[Rule]:
-    """Yield the rules about a port, in reading order."""
-    station = facts.name
-    if acceptance.coverage_percent is not None:
-        rule = coverage_rule(facts, port, acceptance.coverage_percent, ledger, measure)
-        yield rule if by == 1 else _without_host(rule, facts, ledger)
-    if acceptance.longest_gap_s is not None:
-        seen = None if measure is None else measure.gap_s
-        gap = f"Longest gap in {'temperature' if tells(facts, TEMPERATURE) else 'readings'}"
-        rule = _at_most("longest_gap", station, port, acceptance.longest_gap_s, seen, "s", gap)
-        if seen is None and _any_says_no_state(facts, ledger):
-            rule = replace(rule, text=NO_STATE_TOLD)
-        yield rule if by == 1 else _gap_without_host(rule, measure)
-    yield from idle_rules(facts, port, acceptance, measure, by)
-
-
-def heat_rules(
-    facts: StationFacts, port: int, acceptance: Acceptance, evidence: Evidence, measure: PortMeasure | None, *, is_ordered: bool
-) -> Iterator[Rule]:
-    """Yield the rule `reached`, where the recipe sets a temperature or states such a limit."""
-    asks, percent = evidence.asks.get(facts.name, Asks()), acceptance.at_work_percent
-    if port not in asks.heated and all(getattr(acceptance, name) is None for name in REACHED_LIMITS):
-        return
-    limit = AT_WORK_PERCENT if percent is None else percent
-    if not tells(facts, TEMPERATURE):
-        yield not_applicable(REACHED, facts.name, port, limit, "%", "temperature")
-        return
-    within = WITHIN_C if acceptance.reached_within_c is None else acceptance.reached_within_c
-    told = is_ordered and asks.status in ORDERS_WORK
-    yield reached_rule(facts.name, port, Limit(within, limit, told), asks, None if measure is None else measure.heat)
-
-
-def bare_rule(facts: StationFacts, acceptance: Acceptance) -> Iterator[Rule]:
-    """Yield a note where the recipe judges figures without their bounds."""
-    if is_bare(acceptance) and any(getattr(acceptance, name) is not None for name in ESTIMATED_LIMITS):
-        yield Rule(CONFIDENCE, facts.name, None, BARE, None, "", Result.NOT_APPLICABLE, JUDGED_BARE)
-
-
-def idle_rules(facts: StationFacts, port: int, acceptance: Acceptance, measure: PortMeasure | None, by: int) -> Iterator[Rule]:
-    """Yield the rules about idle error and idle standard deviation."""
-    station, (mean_bound, sd_bound) = facts.name, _bounds(measure, by)
-    if by >= BOUNDS_HOLD and tells(facts, TEMPERATURE) and (measure is None or measure.idle.mean_c is None):
-        for name, limit in (("idle_error", acceptance.idle_error_c), ("idle_sd", acceptance.idle_sd_c)):
-            if limit is not None:
-                yield Rule(name, station, port, limit, None, "°C", Result.MISSING, NOT_IDLE)
-        return
-    if not tells(facts, TEMPERATURE):
-        for name, limit in (("idle_error", acceptance.idle_error_c), ("idle_sd", acceptance.idle_sd_c)):
-            if limit is not None:
-                yield not_applicable(name, station, port, limit, "°C", "temperature")
-        return
-    if acceptance.idle_error_c is not None:
-        mean = None if measure is None else measure.idle.mean_c
-        rule = idle_error_rule(station, port, acceptance.idle_error_c, mean)
-        yield bounded(rule, mean_bound, bare=is_bare(acceptance))
-    if acceptance.idle_sd_c is not None:
-        spread = None if measure is None else measure.idle.sd_c
-        rule = _at_most("idle_sd", station, port, acceptance.idle_sd_c, spread, "°C", "Idle standard deviation")
-        yield bounded(rule, sd_bound, bare=is_bare(acceptance))
-
-
-def _bounds(measure: PortMeasure | None, by: int) -> tuple[Bound | str | None, Bound | str | None]:
-    """Return the bounds of idle error and standard deviation: a sentence why there is none, or None where the rules need none."""
-    if measure is None:
-        return None, None
-    if by < BOUNDS_HOLD:
-        return measure.idle.bounds or (None, None)
-    found = measure.idle.known()
-    return (found, found) if isinstance(found, str) else (found.mean, found.sd)
-
-
-def bounded(rule: Rule, bound: Bound | str | None, *, bare: bool = False) -> Rule:
-    """Return the rule with the bound of its figure, or with the sentence why there is none.
-
-    The limit is kept if figure and bound keep it. If only the figure keeps it, or without a bound, evidence is missing, unless
-    figures are judged `bare`. A `bound` of None belongs to rules that need none.
-    """
-    if bound is None or rule.result is Result.MISSING:
-        return rule
-    if isinstance(bound, str):
-        return rule if bare or rule.result is Result.FAIL else replace(rule, result=Result.MISSING, text=f"{rule.text} {bound}")
-    assert isinstance(rule.limit, int | float)
-    if bare or rule.result is Result.FAIL or bound.keeps(rule.limit):
-        return replace(rule, bound=bound)
-    text = f"{rule.text} The 95 % bound is {_shown(_furthest(bound))} {rule.unit}: a longer record is needed."
-    return replace(rule, bound=bound, result=Result.MISSING, text=text)
-
-
-def _furthest(bound: Bound) -> float:
-    return bound.high if bound.low is None else max(bound.low, bound.high, key=abs)
-
-
-def coverage_rule(facts: StationFacts, port: int, least: float, ledger: PortLedger, measure: PortMeasure | None) -> Rule:
-    """Return the rule about readings of temperature or state obtained, in per cent of those due."""
-    station, what = facts.name, _what_is_read(facts)
-    counts = [one for signal in judged_signals(facts) if not says_no_state(one := ledger.get(signal, {}))]
-    due, counted = (sum(one.get(word, 0) for one in counts) for word in ("due", "ok"))
-    there = 0 if measure is None else measure.readings
-    if not due:
-        why = f"{what}: no reading was due."
-        if _any_says_no_state(facts, ledger):
-            why = NO_STATE_TOLD
-        return Rule("coverage", station, port, least, None, "%", Result.MISSING, why)
-    if there != counted:
-        text = f"{what}: the accounting has {counted} readings, the samples {there}."
-        return Rule("coverage", station, port, least, None, "%", Result.MISSING, text)
-    percent = 100 * there / due
-    result = Result.PASS if percent >= least else Result.FAIL
-    text = f"{what} coverage {_shown(_floor(percent))} % ({there} of {due}), required {_shown(least)} %."
-    return Rule("coverage", station, port, least, percent, "%", result, text)
-
-
-def _any_says_no_state(facts: StationFacts, ledger: PortLedger) -> bool:
-    return any(says_no_state(ledger.get(signal, {})) for signal in judged_signals(facts))
-
-
-def says_no_state(counts: Mapping[str, int]) -> bool:
-    """Whether every answer lacked a state: an OMEGA that answers `a` alone (003, 11.3.1). Such a signal is not judged."""
-    return bool(counts.get("no_digit")) and not counts.get("ok")
-
-
-def _without_host(rule: Rule, facts: StationFacts, ledger: PortLedger) -> Rule:
-    """Judge coverage with the run's resolution. Readings that the computer skipped are missing evidence and break no limit."""
-    if not isinstance(rule.observed, float) or not isinstance(rule.limit, int | float):
-        return rule
-    counts = [one for signal in judged_signals(facts) if not says_no_state(one := ledger.get(signal, {}))]
-    due, there = (sum(one.get(word, 0) for one in counts) for word in ("due", "ok"))
-    skipped = sum(skipped_by_host(facts, one.get(SKIPPED, 0)) for one in counts)
-    allowed, few = allowed_misses(due, rule.limit), due < RESOLVES
-    if due - there <= (0 if few and rule.observed < rule.limit else allowed):
-        kept = "" if rule.observed >= rule.limit else f" One reading is {_shown(100 / due)} %: within the resolution."
-        return replace(rule, result=Result.PASS, text=f"{rule.text}{kept}")
-    text = f"{rule.text} The computer was busy and skipped {skipped} of them." if skipped else rule.text
-    if due - there - skipped > allowed:
-        return replace(rule, result=Result.FAIL, text=text)
-    if due - there <= allowed:
-        return replace(rule, result=Result.MISSING, text=f"{text} {due} readings are too few to decide.")
-    text = f"{text} Their values are not known; less load on the computer, or a lower rate, helps."
-    return replace(rule, result=Result.MISSING, text=text)
-
-
-def skipped_by_host(facts: StationFacts, skipped: int) -> int:
-    """Return how many of a signal's skipped readings the computer caused; all of them if the record does not say."""
-    return skipped if facts.skipped_by_host is None else min(skipped, facts.skipped_by_host + facts.skipped)
-
-
-def _gap_without_host(rule: Rule, measure: PortMeasure | None) -> Rule:
-    """Judge the longest gap. If only readings that the computer skipped break the limit, evidence is missing."""
-    others = None if measure is None else measure.gap_of_others_s
-    if rule.result is not Result.FAIL or others is None or not isinstance(rule.limit, int | float) or others > rule.limit:
-        return rule
-    text = f"{rule.text} The computer was busy and skipped readings; without these it is {_shown(others)} s."
-    return replace(rule, result=Result.MISSING, text=text)
-
-
-def _what_is_read(facts: StationFacts) -> str:
-    if not tells(facts, TEMPERATURE):
-        return "State"
-    return "Air temperature" if "external_c" in facts.signals else "Tip temperature"
-
-
-def idle_error_rule(station: str, port: int, most: float, mean: float | None) -> Rule:
-    """Return the rule about the mean difference of the idle tip from its setpoint, in either direction."""
-    if mean is None:
-        return _not_idle("idle_error", station, port, most)
-    result = Result.PASS if abs(mean) <= most else Result.FAIL
-    text = f"Idle error {round(mean, 1) + 0.0:+.1f} °C (mean), allowed ±{_shown(most)} °C."
-    return Rule("idle_error", station, port, most, mean, "°C", result, text)
-
-
-def _at_most(name: str, station: str, port: int, most: float, seen: float | None, unit: str, what: str) -> Rule:
-    if seen is None and name == "idle_sd":
-        return _not_idle(name, station, port, most)
-    if seen is None:
-        return Rule(name, station, port, most, None, unit, Result.MISSING, "Nothing was recorded.")
-    result = Result.PASS if seen <= most else Result.FAIL
-    return Rule(name, station, port, most, seen, unit, result, f"{what} {_shown(seen)} {unit}, allowed {_shown(most)} {unit}.")
-
-
-def _not_idle(name: str, station: str, port: int, most: float) -> Rule:
-    return Rule(name, station, port, most, None, "°C", Result.MISSING, NOT_SEEN_IDLE)
-
-
-# Deviations break no limit but keep a run from a plain ACCEPT. Every event that is an error is judged by a rule or listed here.
-
-NOT_AS_PLANNED = frozenset(
-    {
-        "alarm.unconfirmed",  # a flag without a matching temperature
-        "alarm.unknown",  # a lost answer: there may have been a flag
-        "clock.step",
-        "host.suspended",
-        "link.flooded",
-        "link.lost",
-        "safety.no_cooldown",  # allow_no_cooldown was used
-        "setting.changed",
-        "tool.changed",
-    }
-)
-"""Kinds of events that are deviations from severity warning on."""
-
-ENDINGS = ("station.completed", "station.stopped", "station.refused", "station.gone", "station.failed")
-AT_THE_START = ("station.not_started", "station.left_out")
-JUDGED = frozenset({*COUNTED_ALARMS, *ENDINGS, *AT_THE_START, "run.start", "run.end"})
-SEVERE = ("error", "critical")
-
-
 def deviations(events: Sequence[Event]) -> Iterator[Rule]:
     """Yield a rule for each kind of deviation on each port, with its number and the first event's text."""
     found: dict[tuple[str, str | None, int | None], list[Event]] = {}
     for event in events:
         if _deviates(event):
             found.setdefault((event.kind, event.station, event.port), []).append(event)
-    for (kind, station, port), these in found.items():
-        yield Rule(kind, station, port, None, len(these), "", Result.DEVIATION, these[0].text)
+    for (kind, station, port), same in found.items():
+        yield Rule(kind, station, port, None, len(same), "", Result.DEVIATION, same[0].text)
 
 
 def _deviates(event: Event) -> bool:
@@ -412,9 +219,6 @@ def unused_ports(facts: StationFacts, evidence: Evidence) -> Iterator[Rule]:
             yield Rule("no_tool", facts.name, port, None, None, "", Result.DEVIATION, text)
 
 
-NO_LIMITS = "Its recipe states no limits; it is recorded and not judged."
-
-
 def not_judged(facts: StationFacts, text: str = NO_LIMITS) -> Rule:
-    """A station whose recipe states no limits, beside others that do, or none that is about it."""
+    """Return a rule for a station that is recorded and not judged, because no limit of its recipe applies to it."""
     return Rule("no_acceptance", facts.name, None, None, None, "", Result.DEVIATION, text)

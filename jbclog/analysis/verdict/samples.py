@@ -1,11 +1,11 @@
 """Measures each port of a run in one pass over its sealed samples.
 
-Definitions. *Due*: the ticks at which the port's tip temperature was to be read, those that a stopped host
-skipped included (`ledger`). *Coverage*: readings that are there, in per cent of those due. *Longest gap*: the
-longest time without a temperature on the monotonic grid, missing ticks × period, beginning and end of the run
-included; *of others*: the same as if what the computer skipped had been read. With ``--rate max`` there is no grid: then it
-is the longest time between two temperatures, in UTC less the steps of the wall clock (`stepped`).
-Of a station that tells no temperature the same holds of all that it tells (`judged_signals`).
+Definitions. *Due*: the ticks at which the port's tip temperature was to be read, with those that a stopped host skipped (`ledger`
+in the manifest). *Coverage*: readings obtained / readings due. *Longest gap*: the longest time without a temperature on the
+monotonic grid, missing ticks × period, including start and end of the run; *gap of others*: the same as if the readings that the
+computer skipped had been obtained. With ``--rate max`` there is no grid: then it is the longest time between two temperatures, in
+UTC less the steps of the wall clock (`clock_steps.py`). For a station without a temperature, all its signals count
+(`judged_signals`).
 """
 
 from __future__ import annotations
@@ -14,110 +14,18 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from jbclog.analysis.verdict.idle import BLOCK_S, Block, Flags, IdleError, idle_readings
+from jbclog.analysis.verdict.clock_steps import Step, Unstepped, steps_of
+from jbclog.analysis.verdict.idle import BLOCK_S, Block, Flags, Floats, IdleError, idle_readings
 from jbclog.analysis.verdict.reached import WITHIN_C, Heat
 from jbclog.analysis.verdict.versions import RULES
 from jbclog.core.foreign.tables import open_table
 from jbclog.core.rows import StationFacts
-
-# -- stepped clock ------------------------------------------------------------------------------------------------------------
-# Rows that have no grid, on a wall clock that was stepped: their times as if it had never been.
-#
-# With ``--rate max`` only UTC tells how far two rows are apart. A step of that clock is an event (`clock.step`, its value the size
-# in seconds, its time by the new clock); the first row behind it is the one whose time jumps with it.
-
-Floats = NDArray[np.float64]
-NEAR_S: Final = 60.0  # a row is told within seconds of its event; an outage has rows, too
-
-
-class Step(NamedTuple):
-    """A step of the wall clock: when, by the new clock in seconds since 1970, and by how much."""
-
-    at_s: float
-    size_s: float
-
-
-def steps_of(folder: Path) -> list[Step]:
-    """The steps of the wall clock in a sealed run, in their order."""
-    found = []
-    for part in sorted((folder / "events").glob("part-*.parquet")):
-        with open_table(part) as table:
-            found += [step for events in table.groups(["time", "kind", "value"]) for step in _steps_in(events)]
-    return found
-
-
-def _steps_in(events: pa.Table) -> list[Step]:
-    rows = zip(events["time"].cast("int64").to_pylist(), events["kind"].to_pylist(), events["value"].to_pylist(), strict=True)
-    return [Step(time / 1e6, value) for time, kind, value in rows if kind == "clock.step" and value]
-
-
-@dataclass(slots=True)
-class Unstepped:
-    """Takes the steps out of the times of one port's rows, given piece by piece in their order."""
-
-    steps: Sequence[Step]
-    _taken: int = 0
-    _last: float | None = None
-
-    def of(self, utc_s: Floats) -> Floats:
-        """These times in seconds, less the steps before each."""
-        if not len(utc_s) or not self.steps:
-            return utc_s
-        out = utc_s - sum(step.size_s for step in self.steps[: self._taken])
-        jumps, first = np.diff(utc_s, prepend=utc_s[0] if self._last is None else self._last), 0
-        while self._taken < len(self.steps) and (place := _behind(self.steps[self._taken], utc_s, jumps, first)) is not None:
-            out[place:] -= self.steps[self._taken].size_s
-            self._taken, first = self._taken + 1, place
-        self._last = float(utc_s[-1])
-        return out
-
-
-def _behind(step: Step, utc_s: Floats, jumps: Floats, first: int) -> int | None:
-    """The first row behind the step; None where it is not among these."""
-    is_behind = (jumps * np.sign(step.size_s) >= abs(step.size_s) / 2) & (np.abs(utc_s - step.at_s) < NEAR_S)
-    places = np.flatnonzero(is_behind[first:])
-    return first + int(places[0]) if len(places) else None
-
-
-# -- gaps ---------------------------------------------------------------------------------------------------------------------
-# The longest time without a reading, and how long it was without what the computer skipped.
-
-
-@dataclass(slots=True)
-class Gap:
-    """The longest time between two moments of reading, less the period; `widest_s` is None while nothing was read.
-
-    `start_s` is where the time begins to count, known with the first row.
-    """
-
-    period_s: float
-    start_s: float | None = None
-    last_s: float | None = None
-    widest_s: float | None = None
-
-    def take(self, there: Floats) -> None:
-        """The next moments, in their order."""
-        if not len(there):
-            return
-        before = self.last_s if self.last_s is not None else self.start_s
-        steps = np.diff(np.append(there[0] if before is None else before, there)) - self.period_s
-        self.widest_s = round(max(self.widest_s or 0.0, float(steps.max())), 6)
-        self.last_s = float(there[-1])
-
-    def end(self, end_s: float) -> None:
-        """The last moment at which something was due."""
-        if self.last_s is not None:
-            self.take(np.array([end_s + self.period_s]))
-
-
-# -- samples ------------------------------------------------------------------------------------------------------------------
 
 TEMPERATURE = "temperature_c"
 COLUMNS = [
@@ -142,13 +50,40 @@ BATCH_ROWS = 16_384
 
 
 def judged_signals(facts: StationFacts) -> list[str]:
-    """The signals that coverage and gaps are about: the temperature, or where there is none all that the station tells."""
+    """Return the signals of coverage and gaps: the temperature, or all signals of a station without one."""
     return [TEMPERATURE] if not facts.signals or TEMPERATURE in facts.signals else facts.signals
 
 
 @dataclass(slots=True)
+class Gap:
+    """The longest time between two readings, less the period; `widest_s` is None before the first reading.
+
+    `start_s`: from when the time counts, known with the first row.
+    """
+
+    period_s: float
+    start_s: float | None = None
+    last_s: float | None = None
+    widest_s: float | None = None
+
+    def take(self, seconds: Floats) -> None:
+        """Take the times of the next readings, oldest first."""
+        if not len(seconds):
+            return
+        before = self.last_s if self.last_s is not None else self.start_s
+        steps = np.diff(np.append(seconds[0] if before is None else before, seconds)) - self.period_s
+        self.widest_s = round(max(self.widest_s or 0.0, float(steps.max())), 6)
+        self.last_s = float(seconds[-1])
+
+    def end(self, end_s: float) -> None:
+        """Take the last time at which a reading was due."""
+        if self.last_s is not None:
+            self.take(np.array([end_s + self.period_s]))
+
+
+@dataclass(slots=True)
 class PortMeasure:
-    """What the samples of one port show. `gap_s` is None while nothing was read at all."""
+    """The measures of one port. `gap_s` is None before the first reading."""
 
     period_s: float | None
     heat: Heat = field(default_factory=lambda: Heat(None))
@@ -156,10 +91,10 @@ class PortMeasure:
     start_s: float | None = None
     end_s: float | None = None
     rows: int = 0
-    readings: int = 0  # of the signals that are judged
+    readings: int = 0  # of the judged signals
     idle: IdleError = field(init=False)
-    host_skips: bool = False  # what the computer skipped is known, or may be among what was skipped
-    no_rows: bool = False  # ticks without rows are the computer's, too
+    host_skips: bool = False  # the computer skipped readings, or may have
+    no_rows: bool = False  # ticks without rows are the computer's too
     _gap: Gap = field(default_factory=lambda: Gap(0.0))
     _of_others: Gap = field(default_factory=lambda: Gap(0.0))
     _block: int = 0
@@ -178,7 +113,7 @@ class PortMeasure:
         return self._of_others.widest_s
 
     def feed(self, rows: Block, read: Counts, marks: Marks) -> None:
-        """Take the next rows of this port, in the order of their ticks, and how many readings each has."""
+        """Take the next rows of this port, oldest first, with the number of judged readings in each."""
         if self.period_s is None:
             rows = replace(rows, seconds=self.unstepped.of(rows.seconds))
         if self.start_s is None:
@@ -186,25 +121,25 @@ class PortMeasure:
         for gap in (self._gap, self._of_others):
             gap.period_s, gap.start_s = self.period_s or 0.0, self.start_s
         self._gap.take(rows.seconds[read > 0])
-        self._of_others.take(self._but_for_the_host(rows.seconds, (read > 0) | (marks.skipped & self.host_skips)))
+        self._of_others.take(self._without_host(rows.seconds, (read > 0) | (marks.skipped & self.host_skips)))
         self.end_s = float(rows.seconds[-1])
         self.rows += len(rows.seconds)
         self.readings += int(read.sum())
         self.heat.feed(replace(rows, working=marks.at_work), marks.status)
         self._into_blocks(rows)
 
-    def _but_for_the_host(self, seconds: Floats, there: Flags) -> Floats:
-        """The moments of reading as if all ticks without a row had been run."""
+    def _without_host(self, seconds: Floats, is_read: Flags) -> Floats:
+        """Return the times of readings as if the ticks without a row had been read too."""
         if not self.no_rows or not self.period_s:
-            return seconds[there]
+            return seconds[is_read]
         before = self.end_s if self.end_s is not None else (self.start_s or 0.0)
         missing = np.rint(np.diff(np.append(before, seconds)) / self.period_s).astype(np.int64) - 1
         places = np.flatnonzero(missing > 0)
-        run = [seconds[place] - np.arange(missing[place], 0, -1) * self.period_s for place in places]
-        return np.asarray(np.union1d(seconds[there], np.concatenate([*run, np.empty(0)])), dtype=np.float64)
+        added = [seconds[place] - np.arange(missing[place], 0, -1) * self.period_s for place in places]
+        return np.asarray(np.union1d(seconds[is_read], np.concatenate([*added, np.empty(0)])), dtype=np.float64)
 
     def finish(self, last_due_s: float | None) -> None:
-        """No more rows: count the end up to the last due tick, and the block that is still open."""
+        """End the rows: close the open block, and count the time up to the last due tick."""
         self._close_block()
         self.heat.finish(last_due_s)
         end = max((moment for moment in (self.end_s, last_due_s) if moment is not None), default=None)
@@ -253,11 +188,9 @@ def measure(
     within_c: Mapping[str, float] = MappingProxyType({}),
     rules: int = RULES,
 ) -> Measures:
-    """Measure every port of `stations` from ``folder/samples``, by version `rules` of the rules.
+    """Return the measures of every port of `stations` that has rows in ``folder/samples``, by version `rules` of the rules.
 
-    A port without any row is not in the answer.
-
-    `within_c`: how near a station's tools have to come to their settings, where that is not the usual distance.
+    `within_c`: how close to their setpoints a station's tools have to come, if not within the default.
     """
     measures: Measures = {}
     steps = [] if all(facts.period_s for facts in stations.values()) else steps_of(folder)
@@ -293,7 +226,7 @@ def _batches(folder: Path, columns: list[str]) -> Iterator[pa.RecordBatch]:
 def _ports(
     batch: pa.RecordBatch, stations: dict[str, StationFacts], signals: dict[str, list[str]]
 ) -> Iterator[tuple[str, int, Block, Counts, Marks]]:
-    """The rows of each known station and port in the batch, kept in their order, and how many judged readings each has."""
+    """Yield the rows of each known station and port in a batch, with the number of judged readings in each row."""
     names = batch.column("station").cast(pa.string()).dictionary_encode()
     ports = batch.column("port").to_numpy(zero_copy_only=False).astype(np.int64)
     keys = names.indices.to_numpy(zero_copy_only=False).astype(np.int64) * 16 + ports
@@ -304,15 +237,15 @@ def _ports(
             continue
         station = names.dictionary[int(keys[rows[0]]) // 16].as_py()
         if station in stations:
-            there = sum((_is_there(batch, name)[rows] for name in signals[station]), np.zeros(len(rows), dtype=np.int64))
+            read = sum((_valid(batch, name)[rows] for name in signals[station]), np.zeros(len(rows), dtype=np.int64))
             has_tip = stations[station].family not in WITHOUT_TIP
             block = columns.block(rows, stations[station].period_s, has_tip=has_tip)
-            yield station, int(ports[rows[0]]), block, there, columns.marks(rows, has_tip=has_tip)
+            yield station, int(ports[rows[0]]), block, read, columns.marks(rows, has_tip=has_tip)
 
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """Of each row, whether its tick was skipped, whether its status was read, and whether the tool was at work."""
+    """For each row: whether its tick was skipped, whether its status was read, whether the tool was at work."""
 
     skipped: Flags
     status: Flags
@@ -331,11 +264,11 @@ class _Columns:
     port_error: Floats
     skipped: Flags
     status: Flags
-    cooling: Flags  # of a tip: in its extractor
+    cooling: Flags  # for a tip: in its extractor
 
     def marks(self, rows: NDArray[np.int64], *, has_tip: bool) -> Marks:
-        rests = self.cooling[rows] & has_tip  # hot air that cools has another status
-        return Marks(self.skipped[rows], self.status[rows], self.working[rows] & ~rests)
+        in_extractor = self.cooling[rows] & has_tip  # hot air that cools has another status
+        return Marks(self.skipped[rows], self.status[rows], self.working[rows] & ~in_extractor)
 
     def block(self, rows: NDArray[np.int64], period_s: float | None, *, has_tip: bool) -> Block:
         seconds = self.tick[rows] * period_s if period_s else self.utc_s[rows]
@@ -361,11 +294,11 @@ def _columns(batch: pa.RecordBatch) -> _Columns:
     )
 
 
-def _is_there(batch: pa.RecordBatch, name: str) -> Counts:
-    """1 where the column has a value, 0 where it has none."""
+def _valid(batch: pa.RecordBatch, name: str) -> Counts:
+    """Return 1 for each row with a value in this column, 0 for a null."""
     return np.asarray(pc.is_valid(batch.column(name)).to_numpy(zero_copy_only=False), dtype=np.int64)
 
 
 def _floats(batch: pa.RecordBatch, name: str) -> Floats:
-    """The column with NaN for what was not read."""
+    """Return a column as floats, NaN for a null."""
     return np.asarray(batch.column(name).cast(pa.float64()).to_numpy(zero_copy_only=False))

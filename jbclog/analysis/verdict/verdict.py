@@ -1,11 +1,10 @@
-"""The verdict: all rules together.
+"""The verdict of a run: all rules together.
 
-One broken limit is REJECT. Without one, missing evidence is INCONCLUSIVE, which is never accepted. Without
-either, anything that was not as planned makes it ACCEPT WITH DEVIATIONS. A run whose recipes state no limit
-is NOT JUDGED.
+One broken limit is REJECT. Without one, missing evidence is INCONCLUSIVE, which is never accepted. Without either, anything that
+was not as planned makes it ACCEPT WITH DEVIATIONS. A run whose recipes state no limit is NOT JUDGED.
 
-A limit is broken by the observed figure; it is kept by the figure and its 95 % bound, where there is one (`bounds.py`). A figure
-that keeps it and a bound that does not are missing evidence.
+The observed figure breaks a limit. The figure and its 95 % bound, if it has one (`bounds.py`), must keep it; a figure that keeps it
+with a bound that does not is missing evidence.
 """
 
 from __future__ import annotations
@@ -23,21 +22,19 @@ from jbclog.analysis.verdict.evidence import (
     read_events,
     read_ordered,
     read_outcomes,
-    verification_rule,
 )
 from jbclog.analysis.verdict.joint_rules import joint_rules
+from jbclog.analysis.verdict.port_rules import heat_rules, port_rules, verification_rule
 from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.rules import (
     bare_rule,
     deviations,
     goal_rules,
-    heat_rules,
     no_limit_applies,
     not_judged,
-    port_rules,
     record_rule,
+    reports,
     station_rules,
-    tells,
     unused_ports,
     used_ports,
 )
@@ -62,16 +59,16 @@ class Judgement:
     rules: tuple[Rule, ...]
 
     def rules_as_dicts(self) -> list[dict[str, object]]:
-        """For `manifest.verdict_rules`."""
+        """Return the form of `manifest.verdict_rules`."""
         return [rule.as_dict() for rule in self.rules]
 
 
 def judge(evidence: Evidence, acceptance: Mapping[str, Acceptance | None], by: int = RULES) -> Judgement:
-    """Judge a sealed run by version `by` of the rules (`versions`).
+    """Return the verdict of a sealed run by version `by` of the rules (`versions.py`).
 
-    `acceptance` maps each station to its recipe's limits, None where it states none.
+    `acceptance`: station -> the limits of its recipe, None if it states none.
     """
-    limits = {name: asked for name, asked in acceptance.items() if asked is not None and asks_for_anything(asked)}
+    limits = {name: stated for name, stated in acceptance.items() if stated is not None and asks_for_anything(stated)}
     if not limits:
         return Judgement(Verdict.NOT_JUDGED, ())
     rules = tuple(_all_rules(evidence, limits, by))
@@ -79,7 +76,7 @@ def judge(evidence: Evidence, acceptance: Mapping[str, Acceptance | None], by: i
 
 
 def verdict_of(rules: Sequence[Rule]) -> Verdict:
-    """The verdict that a list of rules comes to; no rule at all is no evidence."""
+    """Return the verdict of a list of rules; an empty list is missing evidence."""
     results = {rule.result for rule in rules}
     if Result.FAIL in results:
         return Verdict.REJECT
@@ -125,7 +122,7 @@ def _station(
         yield from port_rules(facts, port, acceptance, evidence.port_ledger(facts.name, port), seen, by)
         if by > 1:
             yield from heat_rules(facts, port, acceptance, evidence, seen, is_ordered=(facts.name, port) in ordered)
-        if acceptance.verification_days is not None and tells(facts, TEMPERATURE):
+        if acceptance.verification_days is not None and reports(facts, TEMPERATURE):
             adjusted = read_adjustments(evidence.folder).get((facts.name, port))
             yield verification_rule(facts, port, acceptance.verification_days, evidence, adjusted)
         yield from joint_rules(facts, port, acceptance, evidence)

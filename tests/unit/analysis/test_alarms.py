@@ -116,17 +116,17 @@ def test_a_run_that_is_open_or_was_cut_off(tmp_path: Path) -> None:
 
 
 def test_what_the_recorder_did_not_tell_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("jbclog.analysis.alarms.live.LiveAlarms._tell_all", lambda *_: None)
+    monkeypatch.setattr("jbclog.analysis.alarms.live.LiveAlarms._emit_all", lambda *_: None)
     series = Series().add(350, times=20).add(395, times=20)
     (told,) = open_run(recorded(series, tmp_path)).alarm_findings().live
-    assert told.endswith("by the record it was raised; the recorder did not tell so while it ran.")
+    assert told.endswith("raised by the record, but the recorder logged no such event.")
 
 
 def test_a_fault_of_the_evaluation_does_not_end_the_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("made up")
 
-    monkeypatch.setattr("jbclog.analysis.alarms.port_watch.PortWatch._closely", broken)
+    monkeypatch.setattr("jbclog.analysis.alarms.port_watch.PortWatch._evaluate", broken)
     folder = recorded(Series().add(350, times=20), tmp_path)
     events = open_run(folder).events()
     (text,) = events[events["kind"] == "alarm.episode.failed"]["text"]
@@ -211,7 +211,7 @@ def test_other_annotations_acknowledge_nothing(tmp_path: Path) -> None:
 def test_what_was_acknowledged_and_is_not_in_the_record_is_a_finding(tmp_path: Path) -> None:
     folder = recorded(Series().add(350, times=20), tmp_path)
     append(folder, who="A", what="B-high-dde-1-p1-x", why="B", kind="alarm.acknowledged")
-    said = "B-high-dde-1-p1-x: acknowledged by A; the record gives no such episode."
+    said = "B-high-dde-1-p1-x: acknowledged by A, but the record gives no such episode."
     assert open_run(folder).alarm_findings().findings() == [said]
     assert said in jbclog("alarms", folder).out
 

@@ -9,14 +9,13 @@ from jbclog.analysis.alarms.state_machine import (
     Definition,
     Detector,
     Machine,
-    News,
     Phase,
     Rules,
     Side,
     State,
-    bare,
-    defined,
-    number,
+    Transition,
+    definition_of,
+    number_of,
 )
 
 ON_S, OFF_S = 1.0, 2.0
@@ -73,7 +72,7 @@ def test_the_table_is_whole() -> None:
     assert {(phase, condition) for phase, condition, *_ in TRUTH} == {(p.value, c.value) for p in Phase for c in Condition}
 
 
-def step(machine: Machine, condition: Condition, elapsed_s: float, before: int, now: int, value: float = 381) -> News | None:
+def step(machine: Machine, condition: Condition, elapsed_s: float, before: int, now: int, value: float = 381) -> Transition | None:
     news = machine.step(condition, elapsed_s, before, now, value)
     return news[0] if news else None
 
@@ -84,7 +83,7 @@ def test_a_gap_stops_the_clock_of_a_delay() -> None:
     for _ in range(100):
         assert step(machine, Condition.GAP, 5.0, 2, 3) is None
     assert step(machine, Condition.BEYOND, 0.0, 2, 4) is None
-    assert step(machine, Condition.BEYOND, 0.2, 4, 5) is News.RAISED
+    assert step(machine, Condition.BEYOND, 0.2, 4, 5) is Transition.RAISED
 
 
 def test_without_delays_the_first_reading_raises_and_the_first_back_clears() -> None:
@@ -95,7 +94,7 @@ def test_without_delays_the_first_reading_raises_and_the_first_back_clears() -> 
     episode = news[1]
     assert (episode.onset_earliest_us, episode.onset_us, episode.raised_us, episode.state) == (10, 20, 20, State.ACTIVE)
     assert machine.step(machine.definition.condition(240), 0.1, 20, 30, 240) is None
-    assert machine.step(machine.definition.condition(250), 0.1, 30, 40, 250) == (News.CLEARED, episode)
+    assert machine.step(machine.definition.condition(250), 0.1, 30, 40, 250) == (Transition.CLEARED, episode)
     assert (episode.end_earliest_us, episode.end_us, episode.peak_c, episode.state) == (30, 40, 240, State.CLEARED)
 
 
@@ -107,7 +106,7 @@ def test_onset_and_end_are_where_the_limit_was_passed_not_where_the_delays_were_
         value = 385 if 2 <= second <= 6 else 370
         told += [machine.step(AT_380.condition(value), 1.0, (second - 1) * 10, second * 10, value)]
     ((raised, episode), (cleared, same)) = [one for one in told if one]
-    assert (raised, cleared, same) == (News.RAISED, News.CLEARED, episode)
+    assert (raised, cleared, same) == (Transition.RAISED, Transition.CLEARED, episode)
     assert (episode.onset_earliest_us, episode.onset_us, episode.raised_us) == (10, 20, 30)
     assert (episode.end_earliest_us, episode.end_us, episode.cleared_us) == (60, 70, 90)
 
@@ -140,7 +139,7 @@ def test_limit_and_dead_band(side: Side, value: int, condition: str) -> None:
     ("text", "value"), [("380", 380), ("385 °C", 385), ("0.50 s", 0.5), ("off", None), (None, None), ("99999", 99999)]
 )
 def test_settings_as_the_record_has_them(text: str | None, value: float | None) -> None:
-    assert number(text) == value
+    assert number_of(text) == value
 
 
 def test_what_is_off_or_unknown_is_not_evaluated() -> None:
@@ -150,8 +149,8 @@ def test_what_is_off_or_unknown_is_not_evaluated() -> None:
         "alarm_low_limit": 250,
         "alarm_low_delay": None,
     }
-    assert defined(Side.HIGH, held, Rules()) == Definition(Side.HIGH, 380, 1.6, 1.6, 2.0)
-    assert defined(Side.HIGH, held, Rules(1.0, 5.0)) == Definition(Side.HIGH, 380, 1.6, 5.0, 1.0)
-    assert defined(Side.LOW, held, Rules()) is None
-    assert defined(Side.HIGH, {"alarm_high_limit": 380}, Rules()) is None
-    assert bare(defined(Side.HIGH, held, Rules())) == Definition(Side.HIGH, 380)
+    assert definition_of(Side.HIGH, held, Rules()) == Definition(Side.HIGH, 380, 1.6, 1.6, 2.0)
+    assert definition_of(Side.HIGH, held, Rules(1.0, 5.0)) == Definition(Side.HIGH, 380, 1.6, 5.0, 1.0)
+    assert definition_of(Side.LOW, held, Rules()) is None
+    assert definition_of(Side.HIGH, {"alarm_high_limit": 380}, Rules()) is None
+    assert Definition(Side.HIGH, 380, 1.6, 1.6, 2.0).without_delays() == Definition(Side.HIGH, 380)

@@ -72,19 +72,19 @@ def test_a_flag_that_no_sample_shows() -> None:
 def test_a_flag_of_which_our_samples_show_too_little() -> None:
     said = finding(episode(A, 12, 16, apart_s=2), episode(C, 11, 11.3))
     assert said is not None
-    assert "not for as long as the delay (0.3 s at the longest)" in said
+    assert "not for the whole delay (longest 0.3 s)" in said
 
 
 def test_samples_without_a_flag() -> None:
     said = finding(episode(B, 11, 13), episode(C, 11, 13))
     assert said == (
         "our samples were beyond 380 °C for longer than 0.5 s; the station's high-temperature flag was not read as set: "
-        "its limit or delay is not what was read back, or the flag was lost"
+        "its limit or delay differs from what was read back, or the flag was lost"
     )
 
 
 def test_samples_without_a_flag_whose_answer_was_lost() -> None:
-    assert "an answer to the flags was lost meanwhile" in str(finding(episode(B, 11, 13), lost=(12, 14)))
+    assert "an answer with the flags was lost meanwhile" in str(finding(episode(B, 11, 13), lost=(12, 14)))
     assert "an answer" not in str(finding(episode(B, 11, 13), lost=(20, 22)))
 
 

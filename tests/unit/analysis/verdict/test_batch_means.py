@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from jbclog.analysis.verdict.bounds import (
+from jbclog.analysis.verdict.batch_means import (
+    CELL_S,
     LEAST_BATCHES,
-    MEANS_CELL_S,
-    MOST_CELLS,
-    Cells,
-    batch_means,
+    bounds_by_batches,
     chi_squared,
-    known_by_batches,
+    means_of_batches,
     students_t,
 )
+from jbclog.analysis.verdict.bounds import MOST_CELLS, Cells
 from jbclog.analysis.verdict.idle import IdleError
 from support.lazy import stats
 
@@ -49,16 +48,16 @@ def test_readings_of_nothing_but_noise_have_the_bound_of_the_textbook() -> None:
 
 def test_too_short_for_a_bound() -> None:
     assert of(np.random.default_rng(1).normal(0, 1, round(LEAST_BATCHES * 3 / PERIOD_S) - 1)).bounds is None
-    assert known_by_batches(10, 0.0, 1.0, np.zeros(LEAST_BATCHES - 1)) is None
+    assert bounds_by_batches(10, 0.0, 1.0, np.zeros(LEAST_BATCHES - 1)) is None
 
 
 def test_a_month_of_readings_stays_small() -> None:
-    cells = Cells(MEANS_CELL_S)
+    cells = Cells(CELL_S)
     for day in range(30):
         at = day * 86_400 + np.arange(0, 86_400, 7.0)
         cells.add(at, np.full(len(at), float(day)))
     assert len(cells.held) <= MOST_CELLS
-    means = batch_means(cells, 7.0)
+    means = means_of_batches(cells, 7.0)
     assert len(means) == 20
     assert sorted(means) == list(means)
     assert means.mean() == pytest.approx(14.5, abs=0.1)

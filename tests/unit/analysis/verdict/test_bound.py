@@ -17,11 +17,11 @@ from jbclog.analysis.verdict.bounds import (
     Known,
     _below_chi_squared,
     _beyond_t,
-    _courses,
+    _processes,
     known,
 )
+from jbclog.analysis.verdict.port_rules import bounded
 from jbclog.analysis.verdict.rule import Result, Rule
-from jbclog.analysis.verdict.rules import bounded
 from support.lazy import stats
 from support.plants.idle_courses import Floats, bounds_of, idle_of, slow, told
 
@@ -56,12 +56,12 @@ def test_the_spectrum_of_each_course_is_that_of_its_covariance(row: int) -> None
     """Worked out once more as a sum over all pairs of moments."""
     at = (np.arange(3000) + 0.5) / 3000
     alike = np.exp(-np.abs(at[:, None] - at[None]) / TIMES[row])
-    courses = _courses(COSINES)
+    processes = _processes(COSINES)
     place = row * len(WHITE)  # the one without noise
     for number in (1, 2, 5, 12):
         wave = np.sqrt(2) * np.cos(np.pi * number * at)
-        assert courses.spectrum[place, number - 1] == pytest.approx(wave @ alike @ wave / 3000**2, rel=0.06)
-    assert courses.at_zero[place] == pytest.approx(alike.mean(), rel=0.06)
+        assert processes.spectrum[place, number - 1] == pytest.approx(wave @ alike @ wave / 3000**2, rel=0.06)
+    assert processes.at_zero[place] == pytest.approx(alike.mean(), rel=0.06)
 
 
 def test_readings_that_follow_each_other_are_worth_fewer() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from jbclog.analysis.verdict import Limits, Result, Rule, Verdict, judge
-from jbclog.analysis.verdict.idle import allowed_misses
+from jbclog.analysis.verdict.rule import allowed_misses
 
 
 def rule(case: Any, name: str, limits: Limits, by: int = 2) -> Rule:

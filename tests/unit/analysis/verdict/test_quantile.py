@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jbclog.analysis.verdict.bounds import most_above, p95, upper_p95, worth
+from jbclog.analysis.verdict.quantiles import effective_size, most_above, p95, upper_p95
 
 WILKS = (59, 93, 124, 153, 181, 208, 234, 260, 286, 311)
 """Sample sizes for 95 % / 95 %, the greatest, the second, ... the tenth value being the bound: the tables of safety analysis."""
@@ -38,8 +38,8 @@ def test_joints_that_are_alike_are_worth_fewer() -> None:
     rng, course = np.random.default_rng(3), [0.0]
     for _ in range(999):
         course.append(0.8 * course[-1] + rng.standard_normal())
-    assert worth(rng.standard_normal(1000)) > 850
-    assert worth(np.array(course)) == pytest.approx(1000 * 0.2 / 1.8, rel=0.4)
+    assert effective_size(rng.standard_normal(1000)) > 850
+    assert effective_size(np.array(course)) == pytest.approx(1000 * 0.2 / 1.8, rel=0.4)
     refused = upper_p95(course[:200])
     assert isinstance(refused, str)
     assert refused.startswith("A 95 % bound takes 59 joints; there are 200, worth ")

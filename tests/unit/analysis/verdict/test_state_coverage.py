@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from jbclog.analysis.verdict.port_rules import coverage_rule
 from jbclog.analysis.verdict.rule import Result
-from jbclog.analysis.verdict.rules import coverage_rule
 from jbclog.analysis.verdict.samples import PortMeasure
 from jbclog.core.rows import StationFacts
 
