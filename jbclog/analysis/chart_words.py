@@ -1,4 +1,4 @@
-"""Charts in words: lines for a terminal, facts for JSON."""
+"""Charts as text: lines for a terminal, values for JSON."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MOST: Final = 10
 
 
 def lines(one: Charted | Counted | Ranked) -> Iterator[str]:
-    """The head, each chart with its signals, the fixed limits, capability."""
+    """Yield number and mean of the values, each chart with its signals, fixed limits, and capability."""
     if isinstance(one, Ranked):
         yield from _ranked(one)
     elif isinstance(one, Counted):
@@ -52,7 +52,7 @@ def _chart(chart: spc.Chart, names: list[str], unit: str, name: str | None = Non
     signals = f"{len(chart.signals)} signal{'s' * (len(chart.signals) > 1)}" if chart.signals else "no signal"
     limits = f"limits {chart.lower[-1]:.4g} to {chart.upper[-1]:.4g}"
     yield f"  {name or chart.name}: centre {chart.centre:.4g}, {limits} {unit}{shape}; {signals}"
-    offset = len(names) - len(chart.points)  # a moving range belongs to the later value
+    offset = len(names) - len(chart.points)  # a moving range belongs to the later one of its two values
     for signal in chart.signals[:MOST]:
         yield f"    {names[signal.last + offset]}: {_why(chart, signal)}"
     if len(chart.signals) > MOST:
@@ -79,7 +79,7 @@ def _ranked(one: Ranked) -> Iterator[str]:
 
 
 def facts(one: Charted | Counted | Ranked) -> dict[str, object]:
-    """Everything as JSON."""
+    """Return a chart as values for JSON."""
     if isinstance(one, Ranked):
         names = ("name", "count", "percent", "percent_up_to_here")
         return {"metric": one.metric, "total": one.total, "rows": [dict(zip(names, row, strict=True)) for row in one.rows]}
@@ -131,5 +131,5 @@ def _facts(chart: spc.Chart, names: list[str]) -> dict[str, object]:
 
 
 def _same_or_all(limits: np.ndarray) -> float | list[float]:
-    """One number where all points have the same limit."""
+    """Return one number if all points have the same limit, else the limit of each."""
     return float(limits[0]) if np.ptp(limits) == 0 else limits.tolist()

@@ -1,4 +1,4 @@
-"""Pictures of comparisons, trends and charts, in the style of all figures."""
+"""Figures of comparisons, trends and charts, in the common style."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ COLOURS: Final = (TEMPERATURE, ALARM)  # of the first and the second run
 COLUMNS: Final = ["time", "tick", "temperature_c"]
 MOST_NAMES: Final = 12
 MOST_BARS: Final = 12
-LIMIT: Final[Look] = {"color": ALARM, "linewidth": 1.1, "linestyle": (0, (4.4, 1.7))}  # one that somebody stated
-EDGE: Final[Look] = {"color": QUIET, "linewidth": 0.8, "linestyle": (0, (2, 2))}  # one that follows from the values
+LIMIT: Final[Look] = {"color": ALARM, "linewidth": 1.1, "linestyle": (0, (4.4, 1.7))}  # a stated limit
+EDGE: Final[Look] = {"color": QUIET, "linewidth": 0.8, "linestyle": (0, (2, 2))}  # a limit computed from the values
 RING: Final[Look] = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "markeredgecolor": ALARM, "zorder": 4}
 
 
@@ -38,13 +38,10 @@ def _panels(count: int) -> tuple[Figure, list[Axes]]:
     return figure, list(figure.subplots(count, 1, squeeze=False)[:, 0])
 
 
-# -- compare ------------------------------------------------------------------------------------------------------------------
-
-
 def overlay(found: Comparison) -> Figure:
-    """Return a panel for each port that both runs have: mean and min–max of both over the seconds since the first reading was due.
+    """Return a figure with a panel for each common port: mean and min–max of both runs, over seconds since the first tick.
 
-    Raises `UsageError` where there is none.
+    Raises `UsageError` if the runs have no port with a temperature in common.
     """
     places = [(one.station, one.port) for one in found.idle]
     if not places:
@@ -81,11 +78,11 @@ def _seconds(run: Run, station: str, rows: pd.DataFrame) -> Floats:
     return np.asarray((rows["time"] - rows["time"].iloc[0]).dt.total_seconds(), dtype=np.float64)
 
 
-# -- trend --------------------------------------------------------------------------------------------------------------------
-
-
 def trend_figure(trends: Sequence[Trend], lower: float | None = None, upper: float | None = None) -> Figure:
-    """Return a panel for each trend: points, control limits, stated limits, signals ringed. Raises `UsageError` without trends."""
+    """Return a figure with a panel for each trend: points, control limits, stated limits, signals ringed.
+
+    Raises `UsageError` without trends.
+    """
     if not trends:
         raise UsageError("no run has this metric; nothing to show")
     with styled():
@@ -118,7 +115,7 @@ def _note(chart: spc.Chart) -> str:
 
 
 def _names(axes: Axes, trend: Trend) -> None:
-    """Name some of the runs by their start, as many as can be read."""
+    """Label at most `MOST_NAMES` of the runs with their start."""
     count = len(trend.points)
     places = range(0, count, max(1, -(-count // MOST_NAMES)))
     starts = [trend.points[place].started for place in places]
@@ -143,11 +140,8 @@ def _signals(chart: spc.Chart) -> list[int]:
     return sorted({one.last for one in chart.signals})
 
 
-# -- charts -------------------------------------------------------------------------------------------------------------------
-
-
 def chart_figure(found: Sequence[Charted | Counted | Ranked]) -> Figure:
-    """Return all charts, one below the other. Raises `UsageError` where there is nothing to show."""
+    """Return a figure of all charts, one below the other. Raises `UsageError` without charts."""
     if not found:
         raise UsageError("there are no values of this metric; nothing to show")
     with styled():
@@ -212,8 +206,8 @@ def _bars(axes: Axes, one: Ranked) -> None:
     axes.set_xticks(range(len(rows)), [name for name, *_ in rows], rotation=30, ha="right")
     axes.set_title(f"{one.metric}, {one.total}")
     axes.grid(visible=False, axis="x")
-    beside = axes.twinx()
-    beside.plot(range(len(rows)), [so_far for *_, so_far in rows], color=EXTERNAL, marker="o", markersize=3)
-    beside.set_ylim(0, 105)
-    beside.set_ylabel("% up to here")
-    beside.grid(visible=False)
+    shares = axes.twinx()
+    shares.plot(range(len(rows)), [so_far for *_, so_far in rows], color=EXTERNAL, marker="o", markersize=3)
+    shares.set_ylim(0, 105)
+    shares.set_ylabel("% up to here")
+    shares.grid(visible=False)

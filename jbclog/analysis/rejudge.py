@@ -1,7 +1,7 @@
-"""Judges a sealed run again from its record and compares the result with its sealed verdict.
+"""Judges a sealed run again from its record, and compares the result with its sealed verdict.
 
-The comparison uses the version of the rules that gave the verdict (`analysis/verdict/versions.py`). Rules that this jbclog cannot
-apply as that version did are named and never count against the verdict.
+The comparison uses the version of the rules that gave the verdict (`verdict/versions.py`). Rules that this jbclog cannot apply as
+that version did are listed and never count against the verdict.
 """
 
 from __future__ import annotations

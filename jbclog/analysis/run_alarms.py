@@ -167,7 +167,10 @@ def alarms_of(run: RunTables) -> Alarms:
         episodes += flag_episodes(alarms, reads.get(place, ()))
     found, given = incidents(episodes, _lost_flags(events), _with_flags(stations)), acknowledged_in(run)
     at = _acknowledged_us(found, given)
-    kpis = [figures(name, detector, episodes, *spans.get(name, (None, None)), at) for name in known for detector in Detector]
+    kpis: list[Figures] = []
+    for name in known:
+        begin_us, end_us = spans.get(name, (None, None))
+        kpis += [figures(name, detector, episodes, begin_us, end_us, at) for detector in Detector]
     return Alarms(found, kpis, list(_live_differences(episodes, events, stations)), given)
 
 

@@ -27,7 +27,7 @@ DPI: Final = 130  # of the picture in a notebook
 def plot(run: RunTables, station: str | None = None, port: int | None = None) -> Figure:
     """Return a figure of each port: temperature, power, status, missing data, alarms and errors; days (UTC) on the x axis.
 
-    Raises `UsageError` where there is nothing to show.
+    Raises `UsageError` if there are no samples to show.
     """
     ports = [(f"{name} port {number}", one) for name, number, one in _traces(run, station, port)]
     if not ports:

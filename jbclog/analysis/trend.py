@@ -1,10 +1,9 @@
-"""A metric over many runs: its course, its control chart and its capability, for each port by itself.
+"""A metric over many runs: its values, control chart and capability, for each port separately.
 
-A point is one run's value of a metric (`Run.metrics`), in the order of the runs' starts; a run whose record does not give it is no
-point, and is counted with its reason. A mean of n readings that spread over their steps resolves a step / √n; one of readings that
-do not, a step. The chart is that of individual values and moving ranges, capability is held against stated limits; both come from
-`spc`, which refuses what would mislead, and says why. A tip that was exchanged, or a recipe that was changed, makes two processes
-of one: such changes are told, not hidden in the chart.
+A point is one run's value of a metric (`Run.metrics`), in the order of the runs' starts; runs without a value are counted with
+their reason. The mean of n readings that spread over their steps resolves a step / √n; of readings that do not, a step. The chart
+is that of individual values and moving ranges, and capability is that against stated limits; both come from `spc`, which refuses
+misleading results and gives the reason. A changed tip or recipe makes two processes of one, so the trend lists such changes.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from difflib import get_close_matches
 from math import sqrt
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import pandas as pd
@@ -24,24 +23,20 @@ from numpy.typing import NDArray
 
 from jbclog.analysis import spc
 from jbclog.analysis.metrics.definitions import DEFINITIONS
-from jbclog.analysis.run_metrics import definitions
-from jbclog.analysis.runs import WHAT_A_RATE_CHANGES, rate_text
+from jbclog.analysis.runs import WHAT_A_RATE_CHANGES, Runs, rate_text
 from jbclog.core.errors import UsageError
-
-if TYPE_CHECKING:
-    from jbclog.analysis.runs import Runs
-    from jbclog.record.find_runs import Found
+from jbclog.record.find_runs import Found
 
 DEFAULT: Final = "idle_error_c"
 UNIT_AT_END: Final = re.compile(r"_(permille_s|permille|percent|c_per_h|mm_s|mm|c|s|j)$")
 MEANS: Final = ("idle_error_c",)  # of many readings
-SPREAD: Final = "idle_sd_c"  # not known where it is below what steps can show
+SPREAD: Final = "idle_sd_c"  # not known if it is below what steps can show
 Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One run's value of the metric; None where its record does not give it, and then `why`."""
+    """One run's value of the metric; None if its record does not give it, for the reason in `why`."""
 
     run: str
     started: datetime | None
@@ -54,7 +49,7 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """One metric of one port over the runs, a point a run. `values` are those that are known, in order."""
+    """One metric of one port over the runs, a point for each run. `values` are the known ones, oldest first."""
 
     station: str
     port: int
@@ -85,32 +80,31 @@ class Trend:
 
     @property
     def signals(self) -> list[tuple[str, str]]:
-        """Run and sentence of each signal of the chart of values."""
+        """The run and the sentence of each signal of the individuals chart."""
         if isinstance(self.chart, spc.Refused):
             return []
         return [(self.known[one.last].run, f"test {one.test}: {one.text}") for one in self.chart[0].signals]
 
 
 def metric_unit(metric: str) -> str:
-    """The unit of a metric. Raises `UsageError` with the nearest names where there is none of that name."""
+    """Return the unit of a metric. Raises `UsageError` for an unknown name, with the closest known one."""
     found = next((one.unit for one in DEFINITIONS if one.name == metric), None)
     if found is None:
         names = [one.name for one in DEFINITIONS]
         near = get_close_matches(metric[:64], names, n=1)
         meant = f"did you mean {near[0]}? " if near else ""
-        raise UsageError(f"there is no metric {metric[:64]!r}; {meant}There are {', '.join(names)}")
+        raise UsageError(f"unknown metric {metric[:64]!r}; {meant}Known are {', '.join(names)}")
     return found
 
 
 def title_of(metric: str) -> str:
-    """The metric in words, without its unit: ``idle error``."""
+    """Return the name of a metric as words without its unit: ``idle error``."""
     return UNIT_AT_END.sub("", metric).replace("_", " ")
 
 
 def metric_text(metric: str) -> str:
-    """What it means, in words."""
-    table = definitions()
-    return str(table.loc[table["metric"] == metric, "definition"].iloc[0])
+    """Return the definition of a metric."""
+    return next(one.text for one in DEFINITIONS if one.name == metric)
 
 
 def trends(
@@ -121,7 +115,7 @@ def trends(
     lower: float | None = None,
     upper: float | None = None,
 ) -> list[Trend]:
-    """A trend for each station and port. Raises `UsageError` for a metric that there is not, or limits that are none."""
+    """Return a trend for each station and port. Raises `UsageError` for an unknown metric or impossible limits."""
     unit = metric_unit(metric)
     expect_limits(lower, upper)
     found = {one.folder.name: one for one in runs.found}
@@ -133,15 +127,15 @@ def trends(
 
 
 def _points(runs: Runs, metric: str, station: str | None) -> dict[tuple[str, int], list[Point]]:
-    """The points of each station and port, in the order of their runs' starts."""
+    """Return the points of each station and port, in the order of their runs' starts."""
     table = runs.metrics(station)
     rows = table[table["metric"] == metric].sort_values(["started", "run"], kind="stable")
-    spread = _dithered(table) if metric in MEANS else set()
+    dithered = _dithered(table) if metric in MEANS else set()
     found: dict[tuple[str, int], list[Point]] = {}
     for row in rows.astype(object).where(rows.notna(), None).to_dict("records"):
         started = None if row["started"] is None else row["started"].to_pydatetime()
         value, coverage, step = (_number(row[name]) for name in ("value", "coverage", "resolution"))
-        is_dithered = (row["run"], row["station"], row["port"]) in spread
+        is_dithered = (row["run"], row["station"], row["port"]) in dithered
         resolution = step / sqrt(row["n"]) if step is not None and is_dithered else step
         point = Point(str(row["run"]), started, value, int(row["n"]), coverage, resolution, row["why"])
         found.setdefault((str(row["station"]), int(row["port"])), []).append(point)
@@ -149,7 +143,7 @@ def _points(runs: Runs, metric: str, station: str | None) -> dict[tuple[str, int
 
 
 def _dithered(table: pd.DataFrame) -> set[tuple[object, object, object]]:
-    """Runs, stations and ports whose idle readings spread over their steps: only then a mean shows less than a step."""
+    """Return run, station and port of idle readings that spread over their steps: only their mean resolves less than a step."""
     rows = table[(table["metric"] == SPREAD) & table["value"].notna()]
     return set(zip(rows["run"], rows["station"], rows["port"], strict=True))
 
@@ -159,11 +153,12 @@ def _number(value: object) -> float | None:
 
 
 def expect_limits(lower: float | None, upper: float | None) -> None:
+    """Raise `UsageError` for limits that are not finite, or of which the lower one is not below the upper one."""
     for name, value in (("--lower", lower), ("--upper", upper)):
         if value is not None and not np.isfinite(value):
-            raise UsageError(f"{name} {value}: give a number")
+            raise UsageError(f"{name} must be a finite number (got {value})")
     if lower is not None and upper is not None and lower >= upper:
-        raise UsageError(f"the lower limit {lower:g} is not below the upper limit {upper:g}")
+        raise UsageError(f"--lower must be below --upper (got {lower:g} and {upper:g})")
 
 
 def _trend(
@@ -179,23 +174,23 @@ def _trend(
     steps = [point.resolution for point in points if point.resolution is not None and point.value is not None]
     resolution = float(np.median(steps)) if steps else None
     chart = spc.control_chart(values, resolution=resolution)
-    asked = lower is not None or upper is not None
-    index = spc.capability(values, lower=lower, upper=upper, resolution=resolution) if asked else None
+    has_limits = lower is not None or upper is not None
+    index = spc.capability(values, lower=lower, upper=upper, resolution=resolution) if has_limits else None
     changes = list(_changes([one.run for one in points], found, *place))
     warnings = list(_other_rates([found[one.run] for one in points if one.value is not None], place[0]))
     return Trend(*place, metric, unit, points, chart, index, changes, warnings, resolution)
 
 
 def _other_rates(runs: Iterable[Found], station: str) -> Iterator[str]:
-    """A sentence where the runs were not all sampled as often."""
-    counted = Counter(rate_text(one.periods_s[station]) for one in runs if station in one.periods_s)
-    if len(counted) > 1:
-        told = ", ".join(f"{rate} in {count} run{'' if count == 1 else 's'}" for rate, count in counted.most_common())
-        yield f"rates differ: {told}; {WHAT_A_RATE_CHANGES}"
+    """Yield a sentence if the runs have different sampling rates."""
+    counts = Counter(rate_text(one.periods_s[station]) for one in runs if station in one.periods_s)
+    if len(counts) > 1:
+        rates = ", ".join(f"{rate} in {count} run{'' if count == 1 else 's'}" for rate, count in counts.most_common())
+        yield f"rates differ: {rates}; {WHAT_A_RATE_CHANGES}"
 
 
 def _changes(names: Iterable[str], found: dict[str, Found], station: str, port: int) -> Iterable[str]:
-    """Between which runs the recipe or the tip that was named became another one."""
+    """Yield a sentence for each run whose recipe or named tip differs from those of the run before."""
     before: tuple[Sequence[str], Sequence[str]] | None = None
     for name in names:
         one = found[name]
@@ -208,9 +203,9 @@ def _changes(names: Iterable[str], found: dict[str, Found], station: str, port: 
 
 
 def _tips(one: Found, station: str, port: int) -> tuple[str, ...]:
-    """What was said of the tip in this port, the nearest word first."""
-    for place in (f"{station}:{port}=", f"{station}="):
-        named = tuple(text.removeprefix(place) for text in one.tips if text.startswith(place))
+    """Return the tips named for this port, else for its station, else for the whole run."""
+    for prefix in (f"{station}:{port}=", f"{station}="):
+        named = tuple(text.removeprefix(prefix) for text in one.tips if text.startswith(prefix))
         if named:
             return named
     return tuple(text for text in one.tips if "=" not in text)

@@ -1,4 +1,4 @@
-"""Trends in words: lines for a terminal, facts for JSON, a page with its picture."""
+"""Trends as text: lines for a terminal, values for JSON, an HTML page with the chart."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ STYLE: Final = (
 
 
 def lines(trend: Trend) -> Iterator[str]:
-    """The head, its figures, the signals, what changed meanwhile, what is missing."""
+    """Yield mean and standard deviation, the chart's result, signals, capability, changes, and missing values."""
     head = f"{trend.station} port {trend.port}  {trend.metric}  {len(trend.values)} of {len(trend.points)} runs"
     spread = "" if trend.sd is None else f", sd {trend.sd:.3g}"
     yield head if trend.mean is None else f"{head}, mean {trend.mean:.4g} {trend.unit}{spread}"
@@ -43,23 +43,23 @@ def lines(trend: Trend) -> Iterator[str]:
 
 
 def chart_text(trend: Trend) -> str:
-    """The limits and the number of signals, or why there are none."""
+    """Return the control limits and the number of signals, or why there are none."""
     if isinstance(trend.chart, spc.Refused):
         return f"none. {trend.chart.text}"
     values = trend.chart[0]
-    told = f"{len(trend.signals)} signal{'s' * (len(trend.signals) > 1)}" if trend.signals else "no signal"
-    return f"individuals {values.centre:.4g}, limits {values.lower[0]:.4g} to {values.upper[0]:.4g} {trend.unit}; {told}"
+    signals = f"{len(trend.signals)} signal{'s' * (len(trend.signals) > 1)}" if trend.signals else "no signal"
+    return f"individuals {values.centre:.4g}, limits {values.lower[0]:.4g} to {values.upper[0]:.4g} {trend.unit}; {signals}"
 
 
 def capability_text(found: spc.Capability | spc.Refused, each: str = "run") -> str:
-    """The indices with their bounds, or why there are none."""
+    """Return the capability indices with their bounds, or why there are none. `each`: what a value is."""
     if isinstance(found, spc.Refused):
         return f"none. {found.text}"
     named = (("Cp", found.cp), ("Cpk", found.cpk), ("Pp", found.pp), ("Ppk", found.ppk))
-    shown = named if found.distribution == "normal" else named[2:]  # else Cp and Cpk are the same
-    told = [f"{name} {index.value:.2f} (at least {index.bound:.2f})" for name, index in shown if index is not None]
-    by = "" if found.distribution == "normal" else f" by {_named(found.distribution)} (ISO 22514-2)"
-    return f"{', '.join(told)}; 95 % bounds of {found.n} {each}s{by}"
+    shown = named if found.distribution == "normal" else named[2:]  # otherwise Cp and Cpk are the same
+    indices = [f"{name} {index.value:.2f} (at least {index.bound:.2f})" for name, index in shown if index is not None]
+    method = "" if found.distribution == "normal" else f" by {_named(found.distribution)} (ISO 22514-2)"
+    return f"{', '.join(indices)}; 95 % bounds of {found.n} {each}s{method}"
 
 
 def _named(distribution: str) -> str:
@@ -67,7 +67,7 @@ def _named(distribution: str) -> str:
 
 
 def facts(trend: Trend) -> dict[str, object]:
-    """Everything as JSON."""
+    """Return the trend as values for JSON."""
     chart: dict[str, object]
     if isinstance(trend.chart, spc.Refused):
         chart = {"refused": asdict(trend.chart)}
@@ -98,15 +98,15 @@ def _capability(found: spc.Capability | spc.Refused | None) -> dict[str, object]
 
 
 def page(trends: Sequence[Trend], metric: str, figure: Figure) -> str:
-    """A page that needs no network: what the metric is, the picture, what it says, every value."""
-    said = "".join(f"<p>{'<br>'.join(escape(_shown(line)) for line in lines(one))}</p>" for one in trends)
+    """Return an HTML page without external resources: definition of the metric, chart, results, every value."""
+    results = "".join(f"<p>{'<br>'.join(escape(_shown(line)) for line in lines(one))}</p>" for one in trends)
     cells = [_cells(one, point) for one in trends for point in one.points]
-    heads = ("run", "started", "station", "port", "value", "unit", "n", "why there is none")
+    heads = ("run", "started", "station", "port", "value", "unit", "n", "why there is no value")
     values = table(heads, cells)
     title = f"{text(title_of(metric).capitalize())} over {len({row[0] for row in cells})} runs"
     head = "<meta charset='utf-8'><meta name='viewport' content='width=device-width'>"
-    claim = "<p>Figures describe what was recorded. None of them says that a joint is good.</p>"
-    body = f"<h1>{title}</h1><p>{escape(metric_text(metric))}</p>{svg_text(figure)}{said}{values}{claim}"
+    claim = "<p>Figures describe the record. None of them proves that a joint is good.</p>"
+    body = f"<h1>{title}</h1><p>{escape(metric_text(metric))}</p>{svg_text(figure)}{results}{values}{claim}"
     style = f"<title>{title}</title><style>{STYLE}</style>"
     return f"<!doctype html><html lang='en'><head>{head}{style}</head><body>{body}</body></html>\n"
 

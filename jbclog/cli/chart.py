@@ -14,7 +14,8 @@ from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
-    from jbclog.analysis.charts import Charted, Counted, Limits, Ranked
+    from jbclog.analysis.charts import Charted, Counted, Ranked
+    from jbclog.analysis.control_limits import Limits
 
 PICTURES = (".png", ".svg", ".pdf")
 
@@ -62,7 +63,7 @@ def chart(
         found: list[Charted | Counted | Ranked] = [_counted(source, metric, kind, every)]
         cited = None
     else:
-        from jbclog.analysis.charts import read_limits
+        from jbclog.analysis.control_limits import read_limits
 
         read = None if limits is None else read_limits(limits)
         held = None if read is None else read[0]

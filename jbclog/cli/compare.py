@@ -41,7 +41,7 @@ def compare(
         raise UsageError(f"--plot {plot}: must end in {', '.join(PICTURES)}")
     expect_file_place("--plot", plot)
     from jbclog.analysis.compare import compare as compared
-    from jbclog.analysis.compare import facts, lines
+    from jbclog.analysis.compare_words import facts, lines
     from jbclog.analysis.run import open_run
 
     found = compared(open_run(first), open_run(second), margin)

@@ -49,7 +49,8 @@ def _learn(runs: list[Path], metric: str, station: str | None, port: int | None,
         expect_run(run)
     if out.exists():
         raise UsageError(f"--out {out} exists; charts cite limits by their hash, so give another name")
-    from jbclog.analysis.charts import Source, as_bytes, joined, joint_metrics, learn, limits_of, series_of_run
+    from jbclog.analysis.charts import joined, joint_metrics, series_of_run
+    from jbclog.analysis.control_limits import Source, as_bytes, learn, limits_of
     from jbclog.analysis.run import open_run
     from jbclog.analysis.spc import Refused
     from jbclog.core.durable_files import write_new
@@ -79,7 +80,7 @@ def _learn(runs: list[Path], metric: str, station: str | None, port: int | None,
 def _show(path: Path, *, as_json: bool, refused: dict[str, str] | None = None) -> None:
     from dataclasses import asdict
 
-    from jbclog.analysis.charts import read_limits
+    from jbclog.analysis.control_limits import read_limits
 
     found, sha256 = read_limits(path)
     if as_json:

@@ -14,7 +14,8 @@ from typer.testing import CliRunner, Result
 
 from jbclog.analysis import spc
 from jbclog.analysis.chart_words import lines
-from jbclog.analysis.charts import Fixed, Series, charted, joined, joint_metrics, learn, ranked, ranked_losses, series_of_run
+from jbclog.analysis.charts import Fixed, Series, charted, joined, joint_metrics, ranked, ranked_losses, series_of_run
+from jbclog.analysis.control_limits import learn
 from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.spc.refusal import there_are
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA
@@ -193,7 +194,7 @@ def test_what_is_not_stable_teaches_no_limits(home: Path, dwells: list[float], t
 def test_a_file_that_is_none(home: Path, dwells: list[float], tmp_path: Path, text: str) -> None:
     (tmp_path / "x.json").write_text(text)
     ended = call("chart", home, "-m", "dwell_s", "--limits", tmp_path / "x.json")
-    assert (ended.exit_code, "is no file of control limits" in ended.stderr) == (4, True)
+    assert (ended.exit_code, "is not a file of control limits" in ended.stderr) == (4, True)
 
 
 def test_series_of_several_runs_are_one_behind_the_other() -> None:

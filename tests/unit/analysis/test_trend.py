@@ -136,7 +136,7 @@ def test_changes_of_recipe_and_tip_are_told(tmp_path: Path) -> None:
     [
         (("-m", "idle_eror"), "did you mean idle_error_c"),
         (("--lower", "5", "--upper", "5"), "not below"),
-        (("--upper", "nan"), "give a number"),
+        (("--upper", "nan"), "must be a finite number"),
         (("--plot", "x.exe"), ".png"),
     ],
 )
