@@ -75,7 +75,7 @@ def _counted(one: Counted) -> Iterator[str]:
 def _ranked(one: Ranked) -> Iterator[str]:
     yield f"{one.metric}: {one.total}"
     for name, count, share, so_far in one.rows:
-        yield f"  {name:40} {count:8}  {share:5.1f} %  up to here {so_far:5.1f} %"
+        yield f"  {name:40} {count:8}  {share:5.1f} %  cumulative {so_far:5.1f} %"
 
 
 def facts(one: Charted | Counted | Ranked) -> dict[str, object]:

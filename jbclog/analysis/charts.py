@@ -217,7 +217,7 @@ def too_many_late(late: int, back: int) -> spc.Refused | None:
 
 
 def _left_out(late: int) -> str:
-    return f"{late} joint{'s' * (late != 1)} that the next one followed before the tip was back left out: longer than seen."
+    return f"{late} joint{'s' * (late != 1)} left out: the next one came before the tip was back."
 
 
 def _charted(

@@ -209,5 +209,5 @@ def _bars(axes: Axes, one: Ranked) -> None:
     shares = axes.twinx()
     shares.plot(range(len(rows)), [so_far for *_, so_far in rows], color=EXTERNAL, marker="o", markersize=3)
     shares.set_ylim(0, 105)
-    shares.set_ylabel("% up to here")
+    shares.set_ylabel("cumulative %")
     shares.grid(visible=False)

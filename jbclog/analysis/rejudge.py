@@ -109,7 +109,7 @@ def _differing(manifest: Manifest, judgement: Judgement) -> list[tuple[str, str 
 
 
 def _why_not(folder: Path, manifest: Manifest) -> str | None:
-    """Return why the verdict cannot be recomputed; None where it can."""
+    """Return why the verdict cannot be recomputed; None if it can."""
     if not is_known(manifest.rules):
         return f"this jbclog knows rules 1 to {RULES}"
     unread = [facts for facts in _recipes(folder, manifest)[1] if _is_as_sealed(folder, manifest, facts)]

@@ -175,7 +175,7 @@ def alarms_of(run: RunTables) -> Alarms:
 
 
 def _acknowledged_us(found: Iterable[Incident], given: Mapping[str, Acknowledgement]) -> dict[str, int]:
-    """Return name of an episode -> when the first episode of its incident was acknowledged, UTC microseconds."""
+    """Return when the incident of each episode was first acknowledged, by the episode's name; UTC microseconds."""
     at: dict[str, int] = {}
     for incident in found:
         times = [given[one.id].time for one in incident.episodes if one.id in given]
@@ -238,7 +238,7 @@ def _live_differences(episodes: Iterable[Episode], found: RunEvents, stations: I
 
 
 def acknowledged_in(run: RunTables) -> dict[str, Acknowledgement]:
-    """Return name of an episode -> its first acknowledgement; empty for a run that is not sealed."""
+    """Return the first acknowledgement of each episode, by its name; empty for a run that is not sealed."""
     if run.manifest.state != "sealed":
         return {}
     given: dict[str, Acknowledgement] = {}

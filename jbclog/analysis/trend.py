@@ -93,7 +93,7 @@ def metric_unit(metric: str) -> str:
         names = [one.name for one in DEFINITIONS]
         near = get_close_matches(metric[:64], names, n=1)
         meant = f"did you mean {near[0]}? " if near else ""
-        raise UsageError(f"unknown metric {metric[:64]!r}; {meant}Known are {', '.join(names)}")
+        raise UsageError(f"unknown metric {metric[:64]!r}; {meant}Known: {', '.join(names)}")
     return found
 
 

@@ -34,7 +34,7 @@ class Incident:
 
     @property
     def name(self) -> str:
-        """The name of its main episode: by our samples, else by the station, whose flags come later, else the first excursion."""
+        """The name of its main episode: the first by our samples, else by the station's flags, else of the excursions."""
         ranks = (Detector.SAMPLES, Detector.STATION, Detector.AFTERWARDS)
         return min(self.episodes, key=lambda one: (ranks.index(one.detector), one.onset_us)).id
 

@@ -41,7 +41,7 @@ def joint_rules(facts: StationFacts, port: int, acceptance: Acceptance, evidence
 
 
 def _unknown(seen: PortJoints) -> str | None:
-    """Return why joints are not known, or not all of them; None where they are."""
+    """Return why joints, or some of them, are not known; None if all are known."""
     if seen.why is None:
         return None
     return f"{'Not all joints are' if seen.recoveries else 'Joints are not'} known: {seen.why[:1].lower()}{seen.why[1:]}"
@@ -61,39 +61,38 @@ def recovery_rule(facts: StationFacts, port: int, most_s: float, seen: PortJoint
     if not decided or seen.why is not None:
         text = _unknown(seen) or _none_known(seen)
         return Rule(RECOVERY, facts.name, port, most_s, None, "s", Result.MISSING, text)
-    late = sum(one.back is False for one in decided)
     value = censored_quantile([(one.seconds, bool(one.back)) for one in known], SHARE)
-    longer = sum(one.seconds > most_s for one in decided)
-    if value is None:
-        text = f"After {late} of {len(decided)} joints the next one began before the tip recovered."
-        is_broken = longer > (1 - SHARE) * len(decided)
-        text = (
-            f"{text} {longer} took longer than the {most_s:g} s allowed." if is_broken else f"{text} Their recovery is not known."
-        )
-        return Rule(RECOVERY, facts.name, port, most_s, None, "s", Result.FAIL if is_broken else Result.MISSING, text)
-    return _bounded_recovery(facts, port, most_s, round(value, 6), seen, bare)
+    if value is not None:
+        return _bounded_recovery(facts, port, most_s, round(value, 6), seen, bare)
+    late, longer = sum(one.back is False for one in decided), sum(one.seconds > most_s for one in decided)
+    text = f"After {late} of {len(decided)} joints the next one began before the tip recovered."
+    if longer > (1 - SHARE) * len(decided):
+        result, text = Result.FAIL, f"{text} {longer} took longer than the {most_s:g} s allowed."
+    else:
+        result, text = Result.MISSING, f"{text} Their recovery is not known."
+    return Rule(RECOVERY, facts.name, port, most_s, None, "s", result, text)
 
 
 def _bounded_recovery(facts: StationFacts, port: int, most_s: float, value: float, seen: PortJoints, bare: bool) -> Rule:
     """Return the rule with the bound of its quantile."""
     counted = [one for one in seen.recoveries if one is None or one.back is not None]
-    hidden = [None] * seen.hidden
     times = [one.seconds if one is not None and one.back else None for one in counted]
     bound = upper_p95(times)
-    bound = upper_p95([*times, *hidden]) if hidden and not isinstance(bound, str) else bound
+    if seen.hidden and not isinstance(bound, str):
+        bound = upper_p95([*times, *[None] * seen.hidden])
     text = f"95 % of {_joints(len(counted))} recovered within {value:.2f} s, allowed {most_s:g} s."
     if value > most_s:
-        kept = None if isinstance(bound, str) else bound
-        return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.FAIL, text, kept)
-    if bare:
-        return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.PASS, text, None if isinstance(bound, str) else bound)
-    if isinstance(bound, str):
-        text = f"{text} {bound} {not_read(seen.unseen_s)}" if seen.hidden else f"{text} {bound}"
-        return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.MISSING, text)
-    if not bound.keeps(most_s):
-        text = f"{text} The 95 % bound is {bound.high:.2f} s: more joints are needed."
-        return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.MISSING, text, bound)
-    return Rule(RECOVERY, facts.name, port, most_s, value, "s", Result.PASS, text, bound)
+        result = Result.FAIL
+    elif bare:
+        result = Result.PASS
+    elif isinstance(bound, str):
+        result, text = Result.MISSING, f"{text} {bound}"
+        text = f"{text} {not_read(seen.unseen_s)}" if seen.hidden else text
+    elif bound.keeps(most_s):
+        result = Result.PASS
+    else:
+        result, text = Result.MISSING, f"{text} The 95 % bound is {bound.high:.2f} s: more joints are needed."
+    return Rule(RECOVERY, facts.name, port, most_s, value, "s", result, text, None if isinstance(bound, str) else bound)
 
 
 def recovered_rule(facts: StationFacts, port: int, least: float, seen: PortJoints) -> Rule:
@@ -103,23 +102,22 @@ def recovered_rule(facts: StationFacts, port: int, least: float, seen: PortJoint
     back = sum(one is not None and one.back is True for one in seen.recoveries)
     late = sum(one is not None and one.back is False for one in seen.recoveries)
     joints = len(seen.recoveries) + seen.hidden
-    open_ = joints - back - late
+    undecided = joints - back - late
     if seen.why is not None or not back + late:
         text = _unknown(seen) or _none_known(seen)
         return Rule(RECOVERED, facts.name, port, least, None, "%", Result.MISSING, text)
     percent = 100 * back / (back + late)
     text = f"Recovered before the next joint: {back} of {_joints(back + late)}, required {least:g} %."
-    if 100 * (back + open_) / joints < least:
+    if 100 * (back + undecided) / joints < least:
         result = Result.FAIL
-    elif 100 * back / joints >= least or not open_:
+    elif 100 * back / joints >= least or not undecided:
         result = Result.PASS
     else:
-        cut = open_ - seen.hidden
-        result, text = (
-            Result.MISSING,
-            f"{text} {cut} more {'were' if cut != 1 else 'was'} cut off and may change that." if cut else text,
-        )
-        text = f"{text} {not_read(seen.unseen_s)}" if seen.hidden else text
+        result, cut = Result.MISSING, undecided - seen.hidden
+        if cut:
+            text = f"{text} {cut} more {'were' if cut != 1 else 'was'} cut off and may change that."
+        if seen.hidden:
+            text = f"{text} {not_read(seen.unseen_s)}"
     return Rule(RECOVERED, facts.name, port, least, percent, "%", result, text)
 
 

@@ -100,32 +100,31 @@ def station_rules(
 
 
 def bare_rule(facts: StationFacts, acceptance: Acceptance) -> Iterator[Rule]:
-    """Yield a note where the recipe judges figures without their bounds."""
+    """Yield a note if the recipe judges figures without their bounds."""
     if is_bare(acceptance) and any(getattr(acceptance, name) is not None for name in ESTIMATED_LIMITS):
         yield Rule(CONFIDENCE, facts.name, None, BARE, None, "", Result.NOT_APPLICABLE, JUDGED_BARE)
 
 
 def settings_rule(facts: StationFacts, outcomes: Outcomes) -> Rule:
     """Return the rule that every setting of the recipe is confirmed. Settings of other families do not count."""
-    station, counts, lacking = facts.name, outcomes.counts, outcomes.lacking
-    asked = counts.total() + len(lacking)
-    held = counts["confirmed"] + counts["unchanged"]
-    observed = f"{held} of {asked}"
+    counts, lacking = outcomes.counts, outcomes.lacking
+    stated, confirmed = counts.total() + len(lacking), counts["confirmed"] + counts["unchanged"]
+    observed: str | None = f"{confirmed} of {stated}"
     if counts["mismatch"] or counts["refused"]:
-        return Rule("settings", station, None, "all read back", observed, "", Result.FAIL, "A setting differs from the recipe.")
-    if held + len(lacking) < asked:
-        return Rule("settings", station, None, "all read back", observed, "", Result.MISSING, "A setting could not be read back.")
-    if not asked and facts.first_tick is None and facts.outcome != "completed":
-        text = "The record holds no setting of this station."
-        return Rule("settings", station, None, "all read back", None, "", Result.MISSING, text)
-    if lacking:
+        result, text = Result.FAIL, "A setting differs from the recipe."
+    elif confirmed + len(lacking) < stated:
+        result, text = Result.MISSING, "A setting could not be read back."
+    elif not stated and facts.first_tick is None and facts.outcome != "completed":
+        observed, result, text = None, Result.MISSING, "The record holds no setting of this station."
+    elif lacking:
         names = ", ".join(name.replace("_", " ") for name in dict.fromkeys(lacking))
+        result = Result.DEVIATION
         text = f"The station does not have: {names}. All other settings of the recipe are confirmed."
-        return Rule("settings", station, None, "all read back", observed, "", Result.DEVIATION, text)
-    text = "Every setting of the recipe is confirmed." if asked else "The recipe sets nothing."
-    if facts.outcome == "running":  # the record broke off; the recipe may have had more
-        text = "Every setting in the record is confirmed."
-    return Rule("settings", station, None, "all read back", observed, "", Result.PASS, text)
+    elif facts.outcome == "running":  # the record broke off; the recipe may have had more
+        result, text = Result.PASS, "Every setting in the record is confirmed."
+    else:
+        result, text = Result.PASS, "Every setting of the recipe is confirmed." if stated else "The recipe sets nothing."
+    return Rule("settings", facts.name, None, "all read back", observed, "", result, text)
 
 
 def alarms_rule(facts: StationFacts, most: int, evidence: Evidence, events: Sequence[Event]) -> Rule:

@@ -1,8 +1,8 @@
 """The versions of rules and methods. A manifest names the version that judged its run; without one it is 1.
 
-A sealed verdict is compared by its own version. Where a later version changed a rule, the earlier form is either kept here or gone;
-runs of earlier versions are then no longer judged by that rule, which never counts against their verdict.
-To change a rule or a method, add a row with its name and whether the earlier form is kept.
+A sealed verdict is compared by its own version. If a later version changed a rule, its earlier form is either kept here or gone;
+runs of earlier versions are then no longer judged by that rule, which never counts against their verdict. To change a rule or a
+method, add a row with its name, and whether its earlier form is kept.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ from typing import Final
 
 @dataclass(frozen=True, slots=True)
 class Version:
-    """A version. `changed` names the rules that are new in it or give other figures than before.
+    """A version. `changed`: the rules that are new in it, or give other figures than before.
 
-    `keeps_earlier`: the earlier forms of these rules are kept, except those in `gone`.
+    `keeps_earlier`: the earlier forms of these rules are kept, except those in `gone`. `means`: what changed, as a sentence.
     """
 
     number: int

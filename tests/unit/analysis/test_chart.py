@@ -132,7 +132,7 @@ def test_a_recovery_that_most_joints_lack_has_no_chart_no_capability_and_teaches
     )
     kept, refused = charted(few, upper=9), charted(many, upper=9)
     assert not isinstance(kept.charts, spc.Refused)
-    assert "3 joints that the next one followed before the tip was back left out" in " ".join(lines(kept))
+    assert "3 joints left out: the next one came before the tip was back" in " ".join(lines(kept))
     assert isinstance(refused.charts, spc.Refused)
     assert isinstance(refused.capability, spc.Refused)
     assert "After 4 of 64 joints the next one came before the tip was back." in " ".join(lines(refused))

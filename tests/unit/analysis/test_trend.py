@@ -135,7 +135,7 @@ def test_changes_of_recipe_and_tip_are_told(tmp_path: Path) -> None:
     ("words", "said"),
     [
         (("-m", "idle_eror"), "did you mean idle_error_c"),
-        (("--lower", "5", "--upper", "5"), "not below"),
+        (("--lower", "5", "--upper", "5"), "must be below"),
         (("--upper", "nan"), "must be a finite number"),
         (("--plot", "x.exe"), ".png"),
     ],
