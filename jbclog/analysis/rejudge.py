@@ -13,7 +13,7 @@ from pathlib import Path
 
 from jbclog import __version__
 from jbclog.analysis.joints.evidence import joint_evidence
-from jbclog.analysis.verdict import RULES, Asks, Evidence, Judgement, Result, Rule, Verdict, asks_for_joints, judge
+from jbclog.analysis.verdict import RULES, Evidence, Judgement, Result, Rule, Targets, Verdict, asks_for_joints, judge
 from jbclog.analysis.verdict.versions import is_known, not_kept
 from jbclog.config.load_recipe import load_recipe
 from jbclog.config.recipe import Recipe
@@ -28,7 +28,7 @@ Place = tuple[str, str | None, int | None]
 
 
 @dataclass(frozen=True, slots=True)
-class Held:
+class VerdictCheck:
     """The comparison of a sealed verdict with its record: a sentence for each difference, and for what could not be compared."""
 
     differing: list[str] = field(default_factory=list)
@@ -42,7 +42,7 @@ def judge_again(folder: Path, manifest: Manifest, by: int | None = None, *, coun
     """
     recipes, unread = _recipes(folder, manifest)
     acceptance = {name: None if recipe is None else recipe.acceptance for name, recipe in recipes.items()}
-    asks = {name: Asks(recipe.heated_ports(), recipe.run.status) for name, recipe in recipes.items() if recipe is not None}
+    targets = {name: Targets(recipe.heated_ports(), recipe.run.status) for name, recipe in recipes.items() if recipe is not None}
     lost = None if manifest.lost is None else manifest.lost.text
     asking = [facts for facts in manifest.stations if asks_for_joints(acceptance.get(facts.name))]
     joints, checks = joint_evidence(folder, asking, manifest.t0_utc), manifest.verifications
@@ -55,7 +55,7 @@ def judge_again(folder: Path, manifest: Manifest, by: int | None = None, *, coun
         checks,
         joints,
         manifest.goals,
-        asks,
+        targets,
         counts_lacking,
     )
     judgement = judge(evidence, acceptance, own_version(manifest) if by is None else by)
@@ -77,20 +77,20 @@ def is_cut_off(manifest: Manifest) -> bool:
     return manifest.exit_status == "lost"
 
 
-def held(folder: Path, manifest: Manifest) -> Held:
+def check_verdict(folder: Path, manifest: Manifest) -> VerdictCheck:
     """Compare a run's sealed verdict with the one that its record gives by the same version of the rules."""
     if manifest.verdict is None or is_cut_off(manifest):
-        return Held()
+        return VerdictCheck()
     why = _why_not(folder, manifest)
     if why is not None:
-        return Held(notes=[f"verdict: judged by rules {manifest.rules}, not recomputable here: {why}"])
+        return VerdictCheck(notes=[f"verdict: judged by rules {manifest.rules}, not recomputable here: {why}"])
     differing = _differing(manifest, judge_again(folder, manifest))
     if differing and manifest.rules == 1 and not _differing(manifest, judge_again(folder, manifest, counts_lacking=False)):
         differing = []
     version = manifest.host.get("jbclog", "not known")
     by = "" if version == __version__ else f"; it was judged by jbclog {version}"
     notes = [f"verdict, {name}: judged by rules {manifest.rules}, not recomputable here" for name in _left(manifest)]
-    return Held([f"verdict{name}: was {was}, its record gives {gives}{by}" for name, was, gives in differing], notes)
+    return VerdictCheck([f"verdict{name}: was {was}, its record gives {gives}{by}" for name, was, gives in differing], notes)
 
 
 def _left(manifest: Manifest) -> list[str]:

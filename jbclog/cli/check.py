@@ -35,7 +35,7 @@ def check(
     Example:
       jbclog check runs/20261121T013000Z-bench-3-k7qd
     """
-    from jbclog.analysis.rejudge import held
+    from jbclog.analysis.rejudge import check_verdict
     from jbclog.record.chains import HEAD, SHOWN, digits, short_head
     from jbclog.record.check import Finding, uncovered
     from jbclog.record.check import check as check_run
@@ -46,7 +46,7 @@ def check(
     expect_run(run)
     found, notes = check_run(run, head), list[str]()
     if not found:  # a changed record would change the verdict too
-        verdict = held(run, read_manifest(run))
+        verdict = check_verdict(run, read_manifest(run))
         found, notes = [Finding(NAME, text) for text in verdict.differing], verdict.notes
     if read_manifest(run).state == "sealed":
         notes += [f"not covered: {file}: {text}" for file, text in uncovered(run, head)]

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from jbclog import __version__
 from jbclog.analysis.figures.canvas import drawn_by
-from jbclog.analysis.rejudge import Held, held
+from jbclog.analysis.rejudge import VerdictCheck, check_verdict
 from jbclog.analysis.run import open_run
 from jbclog.analysis.verdict import RULES
 from jbclog.core.durable_files import write_whole
@@ -70,7 +70,7 @@ def verify_report(folder: Path | str) -> list[str]:
     return verified(folder).differing
 
 
-def verified(folder: Path | str) -> Held:
+def verified(folder: Path | str) -> VerdictCheck:
     """Make the report and the verdict again and return what differs, and what could not be compared; a sentence each.
 
     Recipes, line file and annotations are compared with manifest and chain. A report of another version of jbclog, of its rules or
@@ -86,8 +86,8 @@ def verified(folder: Path | str) -> Held:
         notes = [f"{folder / PAGE}: made by {maker}, not compared byte for byte; run `jbclog report {folder}` to make it again"]
         found = report_disagreements(folder, manifest, read_annotations(folder))
         files = [f"{folder}/{name}: {text}" for name, text in found]
-    verdict = held(folder, manifest)
-    return Held([*annotated, *files, *_changed(folder, manifest), *verdict.differing], [*notes, *verdict.notes])
+    verdict = check_verdict(folder, manifest)
+    return VerdictCheck([*annotated, *files, *_changed(folder, manifest), *verdict.differing], [*notes, *verdict.notes])
 
 
 def _other_maker(folder: Path) -> str | None:

@@ -57,7 +57,7 @@ def test_following_an_alarm_shows_which_detector_reported_what() -> None:
         ("5", "A"),
     ]
     assert "the station's delay is 1.50 s" in found
-    assert "an answer to the flags was lost meanwhile" in found
+    assert "an answer with the flags was lost meanwhile" in found
     assert "no sample is beyond 380 °C" in found
     story = shown(node, "story").split("incident ")
     assert "no event" in story[2]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from jbclog.analysis.rejudge import held
+from jbclog.analysis.rejudge import check_verdict
 from jbclog.analysis.run import open_run
 from jbclog.analysis.verdict import RULES
 from jbclog.app.run.plan import Plan, RunOptions, make_plan
@@ -40,7 +40,7 @@ def test_a_run_that_never_puts_its_tools_to_work_is_inconclusive(tmp_path: Path,
     assert (result.manifest.verdict, result.exit_code) == ("INCONCLUSIVE", 1)
     assert result_of(result, "reached") == {"missing"}
     assert result.manifest.rules == RULES
-    assert held(result.folder, result.manifest).differing == []
+    assert check_verdict(result.folder, result.manifest).differing == []
 
 
 def test_one_that_does_is_accepted(tmp_path: Path) -> None:

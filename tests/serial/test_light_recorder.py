@@ -22,7 +22,7 @@ HEAVY = (
 )
 
 
-def test_a_whole_run_loads_no_heavy_room(bench: tuple[Path, WireLog], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_whole_run_loads_no_heavy_package(bench: tuple[Path, WireLog], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPROFILEIMPORTTIME", "1")  # each import is a line on stderr
     line, _ = bench
     ended = fresh("run", RECIPE, "--line", line, "--out", tmp_path, "-d", "2s", "-s", "ale-1", "--rate", "5")

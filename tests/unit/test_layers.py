@@ -99,7 +99,7 @@ def test_help_is_light() -> None:
     assert loaded_by("import jbclog.cli", *HEAVY, "numpy", "pyarrow", "pydantic", "serial", "sqlite3", "asyncio") == set()
 
 
-def test_the_recorder_loads_no_heavy_room() -> None:
+def test_the_recorder_loads_no_heavy_package() -> None:
     path = "import jbclog.cli.run, jbclog.cli.progress, jbclog.app.run.plan, jbclog.app.run.runner, jbclog.record.seal"
     assert (
         loaded_by(path, *HEAVY, "scipy", "jbclog.analysis.joints", "jbclog.sim", "jbclog.analysis.run", "jbclog.report", "rich")
@@ -107,5 +107,5 @@ def test_the_recorder_loads_no_heavy_room() -> None:
     )
 
 
-def test_joints_are_looked_for_at_the_end_of_a_run_without_the_heavy_rooms() -> None:
+def test_the_joint_search_at_the_end_of_a_run_loads_no_heavy_package() -> None:
     assert loaded_by("import jbclog.analysis.joints.evidence", *HEAVY, "jbclog.analysis.run", "jbclog.report") == set()

@@ -7,7 +7,7 @@ with `idle.py` for the tip at rest; `bounds.py` and `quantiles.py` have the stat
 from jbclog.analysis.verdict.acceptance import Acceptance, Limits, asks_for_joints
 from jbclog.analysis.verdict.bounds import Bound
 from jbclog.analysis.verdict.evidence import Evidence, Feeds, Joints, PortJoints, Recovery
-from jbclog.analysis.verdict.reached import Asks
+from jbclog.analysis.verdict.reached import Targets
 from jbclog.analysis.verdict.rule import Result, Rule
 from jbclog.analysis.verdict.samples import PortMeasure, judged_signals, measure
 from jbclog.analysis.verdict.verdict import Judgement, Verdict, judge
@@ -16,7 +16,6 @@ from jbclog.analysis.verdict.versions import RULES
 __all__ = [
     "RULES",
     "Acceptance",
-    "Asks",
     "Bound",
     "Evidence",
     "Feeds",
@@ -28,6 +27,7 @@ __all__ = [
     "Recovery",
     "Result",
     "Rule",
+    "Targets",
     "Verdict",
     "asks_for_joints",
     "judge",

@@ -8,7 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from jbclog.analysis.verdict.reached import Asks
+from jbclog.analysis.verdict.reached import Targets
 from jbclog.core.foreign.tables import open_table
 from jbclog.core.rows import Goal, StationFacts, TipCheck
 
@@ -78,9 +78,9 @@ class Evidence:
 
     `exit_status`: the manifest's; ``lost`` if a crash ended the run and its last moments are missing. `lost`: a sentence on what
     else the record lacks. `verifications`: those valid for its ports when it began. `joints`: of each port whose recipe limits
-    them. `goals`: the numbers of units and joints with which the run was to end. `asks`: what each station's recipe asks of its
-    tools. `counts_lacking`: whether a setting that a station does not have is a deviation; release 0.1.0, also version 1 of the
-    rules, ignored it.
+    them. `goals`: the numbers of units and joints with which the run was to end. `targets`: what each station's recipe requires
+    of its tools. `counts_lacking`: whether a setting that a station does not have is a deviation; release 0.1.0, also version 1
+    of the rules, ignored it.
     """
 
     folder: Path
@@ -91,7 +91,7 @@ class Evidence:
     verifications: Sequence[TipCheck] = ()
     joints: Joints = field(default_factory=dict)
     goals: Sequence[Goal] = ()
-    asks: Mapping[str, Asks] = field(default_factory=dict)
+    targets: Mapping[str, Targets] = field(default_factory=dict)
     counts_lacking: bool = True
 
     def port_ledger(self, station: str, port: int) -> PortLedger:

@@ -16,7 +16,7 @@ from jbclog.analysis.verdict.acceptance import REACHED_LIMITS, Acceptance, is_ba
 from jbclog.analysis.verdict.bounds import Bound
 from jbclog.analysis.verdict.evidence import Evidence, PortLedger
 from jbclog.analysis.verdict.idle import NOT_IDLE, NOT_SEEN_IDLE
-from jbclog.analysis.verdict.reached import AT_WORK_PERCENT, ORDERS_WORK, WITHIN_C, Asks, Limit, reached_rule
+from jbclog.analysis.verdict.reached import AT_WORK_PERCENT, ORDERS_WORK, WITHIN_C, Limit, Targets, reached_rule
 from jbclog.analysis.verdict.reached import RULE as REACHED
 from jbclog.analysis.verdict.rule import RESOLVES, Result, Rule, allowed_misses, floored, shown
 from jbclog.analysis.verdict.rules import not_applicable, reports
@@ -24,7 +24,6 @@ from jbclog.analysis.verdict.samples import SKIPPED, TEMPERATURE, PortMeasure, j
 from jbclog.analysis.verdict.versions import BOUNDS_HOLD
 from jbclog.core.rows import StationFacts, TipCheck
 
-VERIFICATION = "verification"
 EXPIRED = "expired"
 ADJUSTED = "adjusted since"
 NO_STATE = "Every answer lacked the digit of the state, so no state is known."
@@ -52,16 +51,16 @@ def heat_rules(
     facts: StationFacts, port: int, acceptance: Acceptance, evidence: Evidence, measure: PortMeasure | None, *, is_ordered: bool
 ) -> Iterator[Rule]:
     """Yield the rule `reached` if the recipe sets a temperature or states such a limit."""
-    asks, percent = evidence.asks.get(facts.name, Asks()), acceptance.at_work_percent
-    if port not in asks.heated and all(getattr(acceptance, name) is None for name in REACHED_LIMITS):
+    targets, percent = evidence.targets.get(facts.name, Targets()), acceptance.at_work_percent
+    if port not in targets.heated and all(getattr(acceptance, name) is None for name in REACHED_LIMITS):
         return
     limit = AT_WORK_PERCENT if percent is None else percent
     if not reports(facts, TEMPERATURE):
         yield not_applicable(REACHED, facts.name, port, limit, "%", "temperature")
         return
     within = WITHIN_C if acceptance.reached_within_c is None else acceptance.reached_within_c
-    orders_work = is_ordered and asks.status in ORDERS_WORK
-    yield reached_rule(facts.name, port, Limit(within, limit, orders_work), asks, None if measure is None else measure.heat)
+    orders_work = is_ordered and targets.status in ORDERS_WORK
+    yield reached_rule(facts.name, port, Limit(within, limit, orders_work), targets, None if measure is None else measure.heat)
 
 
 def idle_rules(facts: StationFacts, port: int, acceptance: Acceptance, measure: PortMeasure | None, by: int) -> Iterator[Rule]:
@@ -209,7 +208,7 @@ def verification_rule(facts: StationFacts, port: int, most_days: float, evidence
     place = (facts.name, port)
     found = next((one for one in evidence.verifications if (one.station, one.port) == place), None)
     observed, result, text = _verified(found, most_days, adjusted_c)
-    return Rule(VERIFICATION, facts.name, port, most_days, observed, "d", result, text)
+    return Rule("verification", facts.name, port, most_days, observed, "d", result, text)
 
 
 def _verified(found: TipCheck | None, most_days: float, adjusted_c: float | None) -> tuple[float | str | None, Result, str]:

@@ -30,8 +30,8 @@ ORDERS_WORK: Final = ("working", "on")
 
 
 @dataclass(frozen=True, slots=True)
-class Asks:
-    """What a recipe asks of a station's tools: the ports whose temperature it sets, and the status that it orders (None: none)."""
+class Targets:
+    """What a recipe requires of a station's tools: `heated` ports have a setpoint; `status` is ordered at the start, None: none."""
 
     heated: frozenset[int] = frozenset()
     status: str | None = None
@@ -198,9 +198,9 @@ class Limit:
     is_ordered: bool
 
 
-def reached_rule(station: str, port: int, limit: Limit, asks: Asks, heat: Heat | None) -> Rule:
+def reached_rule(station: str, port: int, limit: Limit, targets: Targets, heat: Heat | None) -> Rule:
     """Return the rule of one port."""
-    observed, result, text = _judged(limit, asks, heat)
+    observed, result, text = _judged(limit, targets, heat)
     return Rule(RULE, station, port, limit.percent, observed, "%", result, text)
 
 
@@ -208,11 +208,11 @@ Judged = tuple[Figure | None, Result, str]
 """Observed figure, result and sentence of the rule."""
 
 
-def _judged(limit: Limit, asks: Asks, heat: Heat | None) -> Judged:
+def _judged(limit: Limit, targets: Targets, heat: Heat | None) -> Judged:
     if heat is None or not heat.known:
         return None, Result.MISSING, "The tool's status was never read."
     if heat.arrived_s is None:
-        return _not_arrived(limit, asks, heat)
+        return _not_arrived(limit, targets, heat)
     for stretch in heat.stretches:
         if stretch.arrived_s is None and stretch.at_work_s >= ENOUGH_S and not stretch.is_approaching:
             text = f"Tool or setpoint changed; in {stretch.at_work_s:.0f} s at work since then, the tool {_nearest(limit, stretch)}"
@@ -220,12 +220,12 @@ def _judged(limit: Limit, asks: Asks, heat: Heat | None) -> Judged:
     return _share(limit, heat)
 
 
-def _not_arrived(limit: Limit, asks: Asks, heat: Heat) -> Judged:
+def _not_arrived(limit: Limit, targets: Targets, heat: Heat) -> Judged:
     warmest = "" if heat.greatest_c is None else f"; maximum {heat.greatest_c:.0f} °C"
     if not heat.stretches and not limit.is_ordered:
         if limit.percent == 0:
             return None, Result.NOT_APPLICABLE, f"Never at work, as the recipe allows{warmest}."
-        ordered = "has no [run] status" if asks.status is None else f'has status = "{asks.status}"'
+        ordered = "has no [run] status" if targets.status is None else f'has status = "{targets.status}"'
         text = f"The recipe sets a temperature but {ordered}: the tool was not ordered to work and was not at work{warmest}."
         return "not at work", Result.MISSING, text
     last = heat.stretches[-1] if heat.stretches else None

@@ -20,7 +20,7 @@ from typing import Protocol
 
 from jbclog import __version__
 from jbclog.analysis.alarms import LiveAlarms
-from jbclog.analysis.verdict import RULES, Asks, Evidence, PortJoints, asks_for_joints, judge
+from jbclog.analysis.verdict import RULES, Evidence, PortJoints, Targets, asks_for_joints, judge
 from jbclog.analysis.verdict.evidence import Joints
 from jbclog.app.run.plan import PORTS, Plan, StationPlan, station_tasks
 from jbclog.app.run.plan import Metadata as GivenMetadata
@@ -204,8 +204,8 @@ class RunRecord:
         acceptance = {one.spec.name: one.recipe.acceptance for one in self._plan.stations}
         asking = [facts for facts in stations if asks_for_joints(acceptance[facts.name])]
         joints, goals = self._joints(asking), self.manifest.goals
-        asks = {one.spec.name: Asks(one.recipe.heated_ports(), one.recipe.run.status) for one in self._plan.stations}
-        evidence = Evidence(self.folder, stations, ledger, exit_status, record, checks, joints, goals, asks)
+        targets = {one.spec.name: Targets(one.recipe.heated_ports(), one.recipe.run.status) for one in self._plan.stations}
+        evidence = Evidence(self.folder, stations, ledger, exit_status, record, checks, joints, goals, targets)
         judgement = judge(evidence, acceptance)
         self.manifest.verdict = judgement.verdict.value
         self.manifest.verdict_rules = judgement.rules_as_dicts()

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 
-from jbclog.analysis.verdict import RULES, Asks, Evidence, Limits, judge
+from jbclog.analysis.verdict import RULES, Evidence, Limits, Targets, judge
 from jbclog.core.rows import (
     COLUMN,
     SAMPLE_COLUMNS,
@@ -285,8 +285,8 @@ def make_run(out: Path, seconds: float = 60.0, seed: int = 1) -> Path:
     manifest.ended = iso(micros(seconds + 0.3))
     write_manifest(folder, manifest)
     seal_rows(folder)
-    asks = {name: Asks(frozenset({1, 2, 3, 4}), None) for name in ("dde-1", "ale-1")}
-    judgement = judge(Evidence(folder, stations, ledger_of(folder, stations), asks=asks), dict.fromkeys(asks, LIMITS))
+    targets = {name: Targets(frozenset({1, 2, 3, 4}), None) for name in ("dde-1", "ale-1")}
+    judgement = judge(Evidence(folder, stations, ledger_of(folder, stations), targets=targets), dict.fromkeys(targets, LIMITS))
     manifest.rules, manifest.verdict = RULES, judgement.verdict.value
     manifest.verdict_rules = judgement.rules_as_dicts()
     conclude(folder, manifest, store.lock)

@@ -72,7 +72,7 @@ def test_a_run_without_alarms_has_the_same_columns(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("rate", ["0.5", "10", "max"])
-def test_at_any_rate_the_record_gives_what_the_recorder_told(tmp_path: Path, rate: str) -> None:
+def test_at_any_rate_the_record_gives_what_the_recorder_logged(tmp_path: Path, rate: str) -> None:
     sim = HOT.format(at_s=12, for_s=9, by_c=25) + "\n[[station.sim.fault]]\nkind = 'dropout'\nat_s = 16\nfor_s = 2\n"
     recipe = RECIPE + 'on_difference = "continue"\n'
     found = open_run(run_of(tmp_path, sim, recipe, rate=rate if rate == "max" else float(rate))).alarm_findings()  # type: ignore[arg-type]
@@ -115,7 +115,7 @@ def test_a_run_that_is_open_or_was_cut_off(tmp_path: Path) -> None:
     assert list(open_run(folder).alarms()["episode"]) == list(table["episode"])  # the recorder is gone, nothing is sealed
 
 
-def test_what_the_recorder_did_not_tell_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_episode_that_the_recorder_did_not_log_is_a_finding(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("jbclog.analysis.alarms.live.LiveAlarms._emit_all", lambda *_: None)
     series = Series().add(350, times=20).add(395, times=20)
     (told,) = open_run(recorded(series, tmp_path)).alarm_findings().live
@@ -216,7 +216,7 @@ def test_what_was_acknowledged_and_is_not_in_the_record_is_a_finding(tmp_path: P
     assert said in jbclog("alarms", folder).out
 
 
-def test_acknowledgements_that_were_changed_are_told(tmp_path: Path) -> None:
+def test_changed_acknowledgements_are_reported(tmp_path: Path) -> None:
     folder = recorded(Series().add(350, times=20).add(395, times=20), tmp_path)
     name = open_run(folder).alarm_findings().incidents[0].name
     append(folder, who="A. Rossi", what=name, why="B", kind="alarm.acknowledged")

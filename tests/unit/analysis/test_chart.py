@@ -242,7 +242,7 @@ def test_rejects_by_day(tmp_path: Path) -> None:
         (("-m", "alarms", "--every", "x"), "--every x"),
         (("-m", "alarms", "--upper", "3"), "are counts"),
         (("--plot", "x.exe"), ".png"),
-        (("--lower", "5", "--upper", "5"), "not below"),
+        (("--lower", "5", "--upper", "5"), "must be below"),
     ],
 )
 def test_wrong_usage(home: Path, words: tuple[str, ...], said: str) -> None:

@@ -56,7 +56,7 @@ def test_two_that_are_alike_differ_in_nothing_and_idle_the_same(home: Path) -> N
     assert abs(idle.result.difference) < 0.5
 
 
-def test_what_differs_is_told(home: Path) -> None:
+def test_differences_are_listed(home: Path) -> None:
     found = compared(home, 0, 2)
     assert [(one.what, one.first, one.second) for one in found.facts] == [("operator", "A. Rossi", "B. Bianchi")]
     changed = [line for line in found.recipe if line[:1] in "+-" and line[:3] not in ("+++", "---")]
@@ -76,7 +76,7 @@ def test_the_other_way_round_the_signs_are_the_other_way_round(home: Path) -> No
     assert there.metrics["difference"].dropna().tolist() == pytest.approx((-back.metrics["difference"]).dropna().tolist())
 
 
-def test_stations_that_only_one_has_are_said(home: Path, tmp_path: Path) -> None:
+def test_stations_of_only_one_run_are_listed(home: Path, tmp_path: Path) -> None:
     found = compare(open_run(runs(home)[0]), open_run(small_run.make_run(tmp_path, 20.0)))
     assert ("station ale-1", "not recorded", "recorded") in [(one.what, one.first, one.second) for one in found.facts]
     assert found.alarms["second"].sum() > 0

@@ -146,7 +146,7 @@ def test_wire_of_an_ale(tmp_path: Path) -> None:
     assert found["wire_clog_suspicions"] == 0
 
 
-def test_stations_of_which_little_can_be_told(tmp_path: Path) -> None:
+def test_stations_that_report_little(tmp_path: Path) -> None:
     for name, recipe in (("omega", OMEGA), ("jtse", AIR)):
         (tmp_path / name).mkdir()
         folder = recorded(tmp_path / name, line_text().replace('"dde"', f'"{name}"'), recipe, seconds=60.0)

@@ -50,13 +50,13 @@ def test_the_whole_record_has_as_many_as_its_table(soldered: Run) -> None:
 
 
 @pytest.mark.parametrize("second", [30, 70, 110])
-def test_while_it_goes_on_those_are_counted_that_have_ended(soldered: Run, second: int) -> None:
+def test_during_a_run_joints_that_have_ended_are_counted(soldered: Run, second: int) -> None:
     until = pd.Timestamp(soldered.manifest.started) + pd.Timedelta(seconds=second)
     ended = soldered.joints()["end"] <= until - pd.Timedelta(seconds=ENDED_S)
     assert joint_count(Begun(soldered, until), ENDED_S) == int(ended.sum())
 
 
-def test_while_it_goes_on_the_feeder_is_a_witness_too(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_during_a_run_the_feeder_is_evidence_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """The recorded example with a feeder: the count during a run is made with its feeds, too."""
     run = open_run(next((Path(__file__).parents[3] / "notebooks" / "data" / "joints").glob("2*")))
     assert any(row["wire_decides"] for row in joints_and_metrics(run)[2])

@@ -15,7 +15,7 @@ from jbclog.analysis.joints import evidence as evidence_of
 from jbclog.analysis.joints.evidence import feeds_of, joint_evidence
 from jbclog.analysis.joints.joints import find_joints
 from jbclog.analysis.joints.series import Cycles, Series
-from jbclog.analysis.rejudge import held, judge_again
+from jbclog.analysis.rejudge import check_verdict, judge_again
 from jbclog.analysis.run import open_run
 from jbclog.analysis.verdict import Feeds
 from jbclog.app.run.plan import RunOptions, make_plan
@@ -64,7 +64,7 @@ def test_the_recorder_judges_joints(soldered: Path) -> None:
     assert str(counted["text"]).startswith(f"{len(joints)} joints found, {len(joints)} feeds counted: ")
 
 
-def test_the_joints_judged_are_those_that_are_told(soldered: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_joints_judged_are_those_of_the_table(soldered: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     manifest, joints = read_manifest(soldered), open_run(soldered).joints()
     found = joint_evidence(soldered, manifest.stations, manifest.t0_utc)
     back = [one.seconds for one in found["dde-1", 1].recoveries if one is not None and one.back]
@@ -99,16 +99,16 @@ def test_report_comes_to_the_same_and_says_where_it_does_not(
     rules(manifest)["recovery_p95"]["result"] = "missing"
     manifest.verdict = "INCONCLUSIVE"
     write_manifest(folder, manifest)
-    assert held(folder, manifest).differing == [
+    assert check_verdict(folder, manifest).differing == [
         "verdict: was INCONCLUSIVE, its record gives ACCEPT",
         "verdict, recovery_p95 of dde-1 port 1: was missing, its record gives pass",
     ]
     manifest.host["jbclog"] = "0.0.1"
-    assert held(folder, manifest).differing[0].endswith("gives ACCEPT; it was judged by jbclog 0.0.1")
+    assert check_verdict(folder, manifest).differing[0].endswith("gives ACCEPT; it was judged by jbclog 0.0.1")
     manifest.host["jbclog"] = __version__
     monkeypatch.setattr(write, "report_files", lambda _: {})
     of_verdict = [one for one in verify_report(folder) if one.startswith("verdict")]  # the seal of the file is another matter
-    assert of_verdict == held(folder, manifest).differing
+    assert of_verdict == check_verdict(folder, manifest).differing
 
 
 def test_too_few_joints_are_not_accepted_and_slow_ones_rejected(tmp_path: Path) -> None:
@@ -161,7 +161,7 @@ def test_joints_at_a_reading_are_on_neither_side(last: float, at_edges: int, bey
     assert feeds(made(), [0.0, 62.0], [0, 9], stepped_s=3.0).at_edges == 1
 
 
-def test_gaps_and_resets_are_said() -> None:
+def test_gaps_and_resets_are_reported() -> None:
     assert feeds(made((50.0, 60.0)), [0.0, 121.0], [0, 18]).lost_s == pytest.approx(10, abs=0.2)
     assert feeds(made((50.0, 50.1)), [0.0, 121.0], [0, 18]).lost_s == 0
     reset = feeds(made(), [0.0, 60.0, 121.0], [9, 18, 3])

@@ -15,6 +15,6 @@ def test_every_public_name_is_there_and_lives_where_it_says() -> None:
     assert issubclass(jbclog.RecordError, jbclog.JbclogError)
 
 
-def test_a_name_that_is_none_is_said_with_those_there_are() -> None:
+def test_an_unknown_name_is_an_error_with_the_known_ones() -> None:
     with pytest.raises(AttributeError, match="open_run"):
         jbclog.open_rune  # noqa: B018  # the mistake meant

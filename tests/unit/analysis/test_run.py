@@ -64,7 +64,7 @@ def test_by_station_and_port(run: jbclog.Run) -> None:
     assert len(run.counters("ale-1")) == 2 * 5
 
 
-def test_an_unknown_station_is_said_with_those_there_are(run: jbclog.Run) -> None:
+def test_an_unknown_station_is_an_error_with_the_known_ones(run: jbclog.Run) -> None:
     with pytest.raises(UsageError, match="has no station 'nobody'; it has ale-1, dde-1"):
         run.samples("nobody")
     with pytest.raises(UsageError, match="has no station 'nobody'"):
@@ -85,7 +85,7 @@ def test_by_time_the_start_included_and_the_stop_not(run: jbclog.Run, zone: str)
     assert len(run.samples(start=madrid, stop=stop)) == len(found)
 
 
-def test_an_unknown_column_is_said_with_those_there_are(run: jbclog.Run) -> None:
+def test_an_unknown_column_is_an_error_with_the_known_ones(run: jbclog.Run) -> None:
     with pytest.raises(UsageError, match="no column colour; it has time, tick"):
         run.samples(columns=["colour"])
 
@@ -147,7 +147,7 @@ def test_a_run_that_is_closed_and_not_yet_sealed(tmp_path: Path) -> None:
     store.release()
 
 
-def test_damage_is_said_and_not_passed_over(tmp_path: Path) -> None:
+def test_damage_is_reported(tmp_path: Path) -> None:
     folder = few_rows.abandoned(tmp_path)
     (folder / "live.sqlite").write_bytes(b"no database" * 1000)
     (folder / "live.sqlite-wal").unlink()

@@ -31,7 +31,7 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_runs_are_found_by_what_was_said_of_them(home: Path) -> None:
+def test_runs_are_found_by_their_metadata(home: Path) -> None:
     assert len(jbclog.open_runs(home)) == 3
     assert [run.name for run in jbclog.open_runs(home, order="88123")] == ["20260921T141320Z-bench-k7qd"]
     assert len(jbclog.open_runs(home, unit="SN-*", tags={"shift": "late"}, operator="A. Rossi", product="controller")) == 1
@@ -41,10 +41,10 @@ def test_runs_are_found_by_what_was_said_of_them(home: Path) -> None:
     assert len(jbclog.open_runs(home, since="2026-09-21", until=pd.Timestamp("2026-09-22", tz="UTC"))) == 3
 
 
-def test_a_filter_that_there_is_not_and_a_folder_that_is_none_are_said(home: Path) -> None:
+def test_an_unknown_filter_and_a_missing_folder_are_errors(home: Path) -> None:
     with pytest.raises(UsageError, match=r"colour.*by flux_lot"):
         jbclog.open_runs(home, colour="red")
-    with pytest.raises(RecordError, match="not there"):
+    with pytest.raises(RecordError, match="is missing"):
         jbclog.open_runs(home / "nothing")
 
 

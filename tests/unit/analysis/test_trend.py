@@ -124,7 +124,7 @@ def test_runs_that_were_not_sampled_as_often_are_warned_of(tmp_path: Path) -> No
     assert json.loads(trend(tmp_path, "--json").stdout)["trends"][0]["warnings"] == [warning]
 
 
-def test_changes_of_recipe_and_tip_are_told(tmp_path: Path) -> None:
+def test_changes_of_recipe_and_tip_are_listed(tmp_path: Path) -> None:
     for number, tip in enumerate(("dde-1:1=T-1", "dde-1=T-1", "T-2")):
         one_run(tmp_path, number, metadata=told(tips=[tip]))
     (found,) = trends(open_runs(tmp_path))

@@ -43,7 +43,7 @@ def test_a_run_of_one_unit_is_all_of_it(tmp_path: Path, named: list[str], unit: 
     assert units(run_with(tmp_path, [], named), 5, 15) == [unit, unit]
 
 
-def test_a_serial_that_was_told_late(tmp_path: Path) -> None:
+def test_a_serial_added_after_the_run(tmp_path: Path) -> None:
     folder = run_with(tmp_path, [], [])
     append(folder, who="A. Rossi", what="SN-7", why="the reader was off", kind="unit.late")
     assert units(folder, 5) == ["SN-7"]

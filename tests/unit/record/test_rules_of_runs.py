@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from jbclog.analysis import rejudge
-from jbclog.analysis.rejudge import held, judge_again
+from jbclog.analysis.rejudge import check_verdict, judge_again
 from jbclog.analysis.verdict import RULES, versions
 from jbclog.analysis.verdict.versions import Version
 from jbclog.cli.app import app
@@ -47,7 +47,7 @@ def test_it_says_what_it_said_and_nothing_is_called_changed(archive: Path, tmp_p
     assert judged(folder) == noted
     code, said = said_by("check", folder)
     assert (code, said.splitlines()[-1].split(" (fingerprint")[0]) == (0, f"{folder}: no differences")
-    assert held(folder, read_manifest(folder)).differing == []
+    assert check_verdict(folder, read_manifest(folder)).differing == []
     if (folder / "report.html").exists():
         code, said = said_by("report", folder, "--verify")
         assert code == 0
@@ -86,7 +86,7 @@ def test_a_verdict_that_was_changed_since_is_found(tmp_path: Path) -> None:
     manifest = replace(read_manifest(folder), verdict="ACCEPT")
     shutil.rmtree(folder / "figures")
     write_manifest(folder, manifest)
-    assert held(folder, manifest).differing == ["verdict: was ACCEPT, its record gives REJECT"]
+    assert check_verdict(folder, manifest).differing == ["verdict: was ACCEPT, its record gives REJECT"]
 
 
 def test_what_cannot_be_judged_as_it_was_is_said_and_is_no_difference(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -98,12 +98,12 @@ def test_what_cannot_be_judged_as_it_was_is_said_and_is_no_difference(tmp_path: 
             rule["result"] = "missing"  # by the earlier method
     manifest.verdict = "INCONCLUSIVE"
     joints = [f"verdict, {name}: judged by rules 1, not recomputable here" for name in ("joints_against_counter", "recovery_p95")]
-    found = held(folder, manifest)
+    found = check_verdict(folder, manifest)
     assert {one.split(" of ")[0] for one in found.differing} == {"verdict, idle_error"}
     assert found.notes == joints
     later = Version(RULES + 1, "idle is found otherwise", frozenset({"idle_error"}), keeps_earlier=False)
     monkeypatch.setattr(versions, "VERSIONS", (*versions.VERSIONS, later))
-    found = held(folder, manifest)
+    found = check_verdict(folder, manifest)
     assert found.differing == []
     assert found.notes == ["verdict, idle_error: judged by rules 1, not recomputable here", *joints]
 
@@ -111,7 +111,7 @@ def test_what_cannot_be_judged_as_it_was_is_said_and_is_no_difference(tmp_path: 
 def test_a_run_of_rules_that_are_not_known_here_is_no_difference(tmp_path: Path) -> None:
     folder = run_of("accepted", tmp_path)
     manifest = replace(read_manifest(folder), rules=RULES + 1, verdict="REJECT")
-    found = held(folder, manifest)
+    found = check_verdict(folder, manifest)
     assert found.differing == []
     assert found.notes == [f"verdict: judged by rules {RULES + 1}, not recomputable here: this jbclog knows rules 1 to {RULES}"]
 
@@ -124,9 +124,9 @@ def test_a_recipe_that_this_jbclog_does_not_take_any_more_is_no_difference(tmp_p
         raise OSError(path)
 
     monkeypatch.setattr(rejudge, "load_recipe", refuse)
-    found = held(folder, manifest)
+    found = check_verdict(folder, manifest)
     assert found.differing == []
     assert found.notes == ["verdict: judged by rules 1, not recomputable here: this jbclog cannot read the recipe of nae-1"]
     (copy,) = (folder / "recipes").iterdir()
     copy.write_text("changed")
-    assert held(folder, manifest).differing[0] == "verdict: was ACCEPT, its record gives INCONCLUSIVE"
+    assert check_verdict(folder, manifest).differing[0] == "verdict: was ACCEPT, its record gives INCONCLUSIVE"

@@ -31,17 +31,17 @@ def test_onset_and_end_lie_between_two_readings_of_the_flags() -> None:
     assert (episode.id[:15], episode.side, episode.peak_c, episode.is_confirmed) == ("A-high-dde-1-p1", "high", 395, True)
 
 
-def test_one_that_is_still_set_stands() -> None:
+def test_one_that_is_still_set_is_active() -> None:
     assert only(event("alarm.low", 12, 10, 240, raw="low")).state is State.ACTIVE
 
 
-def test_a_flag_that_no_temperature_bears_out_is_told_as_that() -> None:
+def test_a_flag_without_a_matching_temperature_is_not_confirmed() -> None:
     episode = only(event("alarm.unconfirmed", 12, 10, 350), event("alarm.high.ended", 14, 12))
     assert not episode.is_confirmed
     assert interval(episode) == (10, 12, 12, 14)
 
 
-def test_an_unconfirmed_one_of_a_side_that_is_none_stands_as_too_hot() -> None:
+def test_an_unconfirmed_one_of_an_unknown_side_counts_as_high() -> None:
     assert only(event("alarm.unconfirmed", 12, 10, raw="sideways")).side == "high"
 
 
@@ -64,7 +64,7 @@ def test_high_and_low_are_two() -> None:
 LOST = (event("alarm.high", 12, 10, 395), event("alarm.unknown", 14, 12))
 
 
-def test_after_a_lost_answer_nobody_knows() -> None:
+def test_after_a_lost_answer_it_is_uncertain() -> None:
     episode = only(*LOST)
     assert (episode.state, episode.is_uncertain, episode.end_us) == (State.UNCERTAIN, True, None)
 
@@ -73,7 +73,7 @@ def test_the_next_reading_says_whether_it_ended() -> None:
     assert interval(only(*LOST, reads=(read(10, False), read(12, True), read(16, False)))) == (10, 12, 12, 16)
 
 
-def test_one_that_is_set_again_behind_a_lost_answer_goes_on() -> None:
+def test_one_that_is_set_again_after_a_lost_answer_continues() -> None:
     episode = only(
         *LOST, event("alarm.high", 16, 14, 396), event("alarm.high.ended", 20, 18), reads=(read(12, True), read(16, True))
     )

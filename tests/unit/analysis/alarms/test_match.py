@@ -32,7 +32,7 @@ def test_what_overlaps_is_one_incident() -> None:
     assert one.name == one.by[B][0].id
 
 
-def test_ports_sides_and_times_are_told_apart() -> None:
+def test_ports_sides_and_times_are_separate_incidents() -> None:
     found = matched(
         episode(B, 11, 13), episode(B, 11, 13, side=Side.LOW), episode(B, 11, 13, port=2), episode(B, 20, 21), flags=False
     )
@@ -54,7 +54,7 @@ def test_a_flag_that_was_read_late_belongs_to_what_it_may_have_seen() -> None:
     assert len(matched(episode(B, 10.5, 11.8), episode(A, 14, 16, apart_s=2))) == 2
 
 
-def test_one_that_still_stands_holds_all_that_follows() -> None:
+def test_an_active_one_holds_all_that_follows() -> None:
     assert len(matched(episode(A, 12, None, apart_s=2), episode(B, 11, 13), episode(B, 200, 201))) == 1
 
 
@@ -115,7 +115,7 @@ def test_ten_in_ten_minutes_are_no_flood_and_eleven_are() -> None:
     assert flood == (500_000_000, (600 + 50 * 6) * 1_000_000)  # with the seventh gone there are four
 
 
-def test_a_flood_that_goes_on_has_no_end() -> None:
+def test_a_flood_that_has_not_ended_has_no_end() -> None:
     assert of([50.0 * n for n in range(11)], end_s=700).floods == ((500_000_000, None),)
 
 

@@ -110,7 +110,7 @@ def test_a_status_that_was_not_read_is_a_gap() -> None:
 
 
 @pytest.mark.parametrize("rows", [True, False])
-def test_after_a_while_nobody_knows_whether_it_still_stands(rows: bool) -> None:
+def test_after_a_while_without_readings_it_is_uncertain(rows: bool) -> None:
     series = hot().add(390, times=10)
     lost = series.add(None, times=600) if rows else series
     if rows:
@@ -162,7 +162,7 @@ def test_a_limit_that_was_changed_holds_from_then_on() -> None:
 
 
 @pytest.mark.parametrize("step_us", [-7_200_000_000, 7_200_000_000])
-def test_the_readings_around_a_step_of_the_clock_are_told_by_the_new_one(step_us: int) -> None:
+def test_readings_around_a_clock_step_have_times_of_the_new_clock(step_us: int) -> None:
     watch = PortWatch(STATION, 1, PERIOD_S, Rules(), [C])
     for row in setting_rows():
         watch.change(Change(BEFORE_ALL, row.setting, row.readback))

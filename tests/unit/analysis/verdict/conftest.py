@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from jbclog.analysis.verdict import Asks, Evidence
+from jbclog.analysis.verdict import Evidence, Targets
 from jbclog.core.rows import StationFacts
 
 UTC_US = 1_790_000_000_000_000
@@ -73,7 +73,7 @@ class Case:
         self.setting_rows: list[dict[str, object]] = []
         self.parts = 0
         self.exit_status = "success"
-        self.asks: dict[str, Asks] = {}
+        self.targets: dict[str, Targets] = {}
 
     def station(self, name: str, *tips: Tip, outcome: str = "completed", skipped: int = 0) -> StationFacts:
         """A station with one port for each tip, its ledger as the session would count it, its samples sealed as one part."""
@@ -134,7 +134,7 @@ class Case:
 
     def ask(self, station: str, status: str | None, *ports: int, heated: tuple[int, ...] = (1,)) -> None:
         """The recipe sets the temperature of the ports `heated`; those of `ports` were told `status` at the start."""
-        self.asks[station] = Asks(frozenset(heated), status)
+        self.targets[station] = Targets(frozenset(heated), status)
         for port in ports:
             self.setting(station, "confirmed", "status", "00000", port)
 
@@ -149,7 +149,7 @@ class Case:
         self._write("events", pa.Table.from_pylist(self.event_rows, pa.schema(texts)))
         columns = dict.fromkeys(("station", "setting", "requested", "outcome", "readback"), pa.string()) | {"port": pa.int64()}
         self._write("settings", pa.Table.from_pylist(self.setting_rows, pa.schema(columns)))
-        return Evidence(self.folder, self.stations, self.ledger, self.exit_status, asks=self.asks)
+        return Evidence(self.folder, self.stations, self.ledger, self.exit_status, targets=self.targets)
 
 
 @pytest.fixture

@@ -167,7 +167,7 @@ def test_bounds_hold_for_other_courses(name: str, counted: Counted, capsys: pyte
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("tau_s", [0.5, 3.0, 8.0, 20.0])
-def test_equivalence_is_said_where_it_is_and_not_at_the_margin(
+def test_equivalence_is_found_where_it_holds_and_not_at_the_margin(
     tau_s: float, counted: Counted, capsys: pytest.CaptureFixture[str]
 ) -> None:
     at_margin, same = verdicts(MARGIN_C, tau_s, 300, 41), verdicts(0.0, tau_s, 100, 42)

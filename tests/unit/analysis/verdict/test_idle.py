@@ -96,7 +96,7 @@ def test_lost_rows_neither_settle_nor_count(case: Any, tip: Callable[..., Any]) 
     assert idle(case).rows == 600 - 20 - 100 - 20
 
 
-def test_a_slow_recorder_can_tell_too(case: Any, tip: Callable[..., Any]) -> None:
+def test_a_slow_recorder_measures_the_idle_error_too(case: Any, tip: Callable[..., Any]) -> None:
     case.station("a", tip(120, hz=0.5))
     assert idle(case).mean_c == pytest.approx(0)
 

@@ -120,7 +120,7 @@ def test_the_share_of_joints_that_recovered_in_time(
         (RECOVERY, 57, 5, "missing"),  # what nobody saw is no evidence
     ],
 )
-def test_joints_that_nobody_could_see_may_be_anything(
+def test_joints_in_gaps_may_be_anything(
     case: Any, tip: Callable[..., Any], limits: Limits, back: int, hidden: int, result: str
 ) -> None:
     rule = the_rule(judged(case, tip, limits, PortJoints(mixed([1.5] * back), hidden=hidden, unseen_s=3.0 * hidden)))
@@ -164,7 +164,7 @@ def test_joints_against_the_counter(case: Any, tip: Callable[..., Any], feeds: F
 
 @pytest.mark.parametrize("limits", [RECOVERY, RECOVERED, COUNTER])
 @pytest.mark.parametrize("seen", [None, PortJoints(why="Its joints could not be looked for.")])
-def test_joints_that_nobody_looked_for_are_missing_evidence(
+def test_joints_that_were_not_searched_are_missing_evidence(
     case: Any, tip: Callable[..., Any], limits: Limits, seen: PortJoints | None
 ) -> None:
     judgement = judged(case, tip, limits, seen)

@@ -35,7 +35,7 @@ def heating(tip: Any, seconds: float, c_per_s: float) -> Any:
     return one
 
 
-def test_a_cold_tip_that_nobody_put_to_work_is_never_accepted(case: Any, tip: Callable[..., Any]) -> None:
+def test_a_cold_tip_without_an_order_to_work_is_never_accepted(case: Any, tip: Callable[..., Any]) -> None:
     case.station("a", cold(tip))
     case.ask("a", None)
     rule = reached(case)
@@ -48,14 +48,14 @@ def test_a_cold_tip_that_nobody_put_to_work_is_never_accepted(case: Any, tip: Ca
     assert judge(case.evidence(), {"a": LIMITS}, by=1).verdict is Verdict.ACCEPT
 
 
-def test_nor_one_that_was_told_to_stand(case: Any, tip: Callable[..., Any]) -> None:
+def test_nor_one_that_was_ordered_to_stand(case: Any, tip: Callable[..., Any]) -> None:
     case.station("a", cold(tip))
     case.ask("a", "stand", 1)
     assert 'status = "stand"' in reached(case).text
     assert verdict(case) is Verdict.INCONCLUSIVE
 
 
-def test_one_that_was_told_to_work_and_stays_cold_is_rejected(case: Any, tip: Callable[..., Any]) -> None:
+def test_one_that_was_ordered_to_work_and_stays_cold_is_rejected(case: Any, tip: Callable[..., Any]) -> None:
     case.station("a", cold(tip, "working"))
     case.ask("a", "working", 1)
     rule = reached(case)
@@ -64,7 +64,7 @@ def test_one_that_was_told_to_work_and_stays_cold_is_rejected(case: Any, tip: Ca
     assert verdict(case) is Verdict.REJECT
 
 
-def test_one_that_was_told_to_work_and_sleeps_at_once_is_rejected(case: Any, tip: Callable[..., Any]) -> None:
+def test_one_that_was_ordered_to_work_and_sleeps_at_once_is_rejected(case: Any, tip: Callable[..., Any]) -> None:
     case.station("a", cold(tip, "sleep"))
     case.ask("a", "working", 1)
     assert verdict(case) is Verdict.REJECT
@@ -183,7 +183,7 @@ def test_the_share_is_the_recipes(case: Any, tip: Callable[..., Any]) -> None:
     assert reached(case, Limits(coverage_percent=90, at_work_percent=52)).result is Result.FAIL
 
 
-def test_nobody_has_to_work_where_the_recipe_asks_for_no_time(case: Any, tip: Callable[..., Any]) -> None:
+def test_no_tool_has_to_work_if_the_recipe_requires_no_time(case: Any, tip: Callable[..., Any]) -> None:
     """As at a rework place, where the operator's hand decides; a tool that is taken has to arrive all the same."""
     limits = Limits(coverage_percent=90, at_work_percent=0)
     case.station("a", cold(tip), cold(tip, "working"))
@@ -263,7 +263,7 @@ def test_no_limits_no_verdict(case: Any, tip: Callable[..., Any]) -> None:
     assert judge(case.evidence(), {"a": None}).verdict is Verdict.NOT_JUDGED
 
 
-def test_a_port_whose_tool_came_later_was_not_told(case: Any, tip: Callable[..., Any]) -> None:
+def test_a_port_whose_tool_came_later_was_not_ordered_to_work(case: Any, tip: Callable[..., Any]) -> None:
     """With require_tool = false an empty port is never put to work; a tool that is put in later stays as it is."""
     case.station("a", tip(), cold(tip))
     case.ask("a", "working", 1, heated=(1, 2))

@@ -69,7 +69,7 @@ def test_without_a_grid_the_gap_is_taken_from_the_times(case: Any, tip: Callable
     assert gap(case) == pytest.approx(3.1, abs=1e-6)
 
 
-def test_a_port_that_never_gave_a_temperature_has_no_gap_to_tell(case: Any, tip: Callable[..., Any]) -> None:
+def test_a_port_without_any_temperature_has_no_gap(case: Any, tip: Callable[..., Any]) -> None:
     case.station("a", tip().lose(0, 60))
     assert gap(case) is None
     rules = {rule.name: rule for rule in judge(case.evidence(), {"a": Limits(longest_gap_s=5, coverage_percent=0)}).rules}

@@ -24,7 +24,7 @@ BARE = {"due": 10, "ok": 0, "no_digit": 9, "timeout": 1}
         ({}, 0, Result.MISSING, "no reading was due"),
     ],
 )
-def test_what_is_never_told_is_not_known_and_what_was_told_is_missed(
+def test_a_signal_that_is_never_reported_is_not_known_and_a_lost_reading_is_missed(
     ledger: Counts, readings: int, result: Result, text: str
 ) -> None:
     facts = StationFacts("omega-1", "url", "omega", signals=["solder_shortage", "preparing", "in_range"])

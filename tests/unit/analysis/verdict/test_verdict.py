@@ -111,7 +111,7 @@ def test_how_the_station_ended(case: Any, tip: Callable[..., Any], outcome: str,
     assert judge(case.evidence(), {"a": ALL}).verdict == verdict
 
 
-def test_why_a_station_ended_stands_in_its_rule(case: Any, tip: Callable[..., Any]) -> None:
+def test_the_rule_of_a_station_has_the_reason_of_its_end(case: Any, tip: Callable[..., Any]) -> None:
     facts = case.station("a", tip(), outcome="gone")
     facts.reason = "a: no answer within 3 s"
     found = rule(judge(case.evidence(), {"a": ALL}), "station", None)
@@ -234,7 +234,7 @@ def test_flags_that_were_never_read_are_no_evidence_of_no_alarm(case: Any, tip: 
         ("run.end", "error", "ACCEPT"),
     ],
 )
-def test_what_is_not_as_planned_stands_in_the_verdict(
+def test_the_verdict_lists_what_is_not_as_planned(
     case: Any, tip: Callable[..., Any], kind: str, severity: str, verdict: str
 ) -> None:
     case.station("a", tip())

@@ -84,7 +84,7 @@ def test_acknowledgements_that_were_changed_are_named_on_the_page_and_by_verify(
     assert verify_report(folder) == [f"{folder}/{wrong}"]
 
 
-def test_joints_are_told_by_port_and_by_unit_with_their_chart(tmp_path: Path) -> None:
+def test_joints_are_listed_by_port_and_by_unit_with_their_chart(tmp_path: Path) -> None:
     begins = [EventRow(micros(s), "unit.begin", Severity.INFO, "", raw=f"SN-{n}") for n, s in enumerate((0, 40, 80), 1)]
     folder = seal(tmp_path, [station(rows=1200)], table(samples(1200)), begins, LIMITS)
     html, facts = told(folder)
@@ -106,14 +106,14 @@ def test_joints_are_told_by_port_and_by_unit_with_their_chart(tmp_path: Path) ->
     assert len(rows(folder, "metrics")) == len(facts["metrics"]) == len(run.metrics())
 
 
-def test_where_nobody_named_a_unit_none_is_told_and_a_late_one_is(tmp_path: Path) -> None:
+def test_a_run_without_units_lists_none_and_a_late_unit_is_listed(tmp_path: Path) -> None:
     folder = seal(tmp_path, [station(rows=600)], table(samples(600)), metadata=Metadata())
     assert told(folder)[1]["units"] == []
     append(folder, who="M. Weber", what="SN-9", why="read later", kind="unit.late", utc_s=1_790_000_900.0)
     assert [one["unit"] for one in told(folder)[1]["units"]] == ["SN-9"]
 
 
-def test_joints_in_gaps_are_said_to_be_unknown(tmp_path: Path) -> None:
+def test_joints_in_gaps_are_not_known(tmp_path: Path) -> None:
     columns = samples(1200)
     lose(columns, slice(300, 400))
     html, facts = told(seal(tmp_path, [station(rows=1200)], table(columns), (), LIMITS))
