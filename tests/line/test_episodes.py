@@ -49,7 +49,7 @@ def test_the_rows_say_when_a_tool_came_to_its_setting_as_the_session_saw_it(sim:
     run = run_with(sim).go()
     _, live = evaluated(run)
     (watch,) = live._watches.values()
-    assert watch._arrival.has_come is run.contexts["dde-1"].ports[1].at_temperature
+    assert watch._arrival.has_arrived is run.contexts["dde-1"].ports[1].at_temperature
 
 
 def kinds(run: VirtualRun) -> list[str]:
