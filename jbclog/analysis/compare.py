@@ -212,7 +212,7 @@ def _same_idle(first: IdleError, second: IdleError, margin_c: float) -> spc.Equi
     """Return the test of two idle errors by their bounds, or why one of them has none."""
     means = []
     for idle, which in ((first, "first"), (second, "second")):
-        found = idle.known()
+        found = idle.latest_bounds()
         if isinstance(found, str):
             return spc.Refused("too_few", f"The {which} run's idle error has no bound. {found}")
         means.append(spc.Mean(idle.mean_c or 0.0, found.half))

@@ -106,7 +106,7 @@ class Cells:
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
+class Bounds:
     """The bounds of a mean and a standard deviation. `half(level)`: half of the mean's two-sided interval at that level."""
 
     mean: Bound
@@ -128,7 +128,7 @@ class _Processes:
     prior: Floats
 
 
-def known(cells: Cells, seconds: float, mean: float, sd: float) -> Known | str:
+def bounds_of_cells(cells: Cells, seconds: float, mean: float, sd: float) -> Bounds | str:
     """Return the bounds of readings that cover `seconds` and have this mean and standard deviation, or why there are none."""
     counts, sums, squares = cells.in_order()
     if seconds < LEAST_S or len(counts) < LEAST_CELLS:
@@ -149,7 +149,7 @@ def known(cells: Cells, seconds: float, mean: float, sd: float) -> Known | str:
     high, freedom = _spread(processes, weights, fit / len(projections), sd * sd, n, float(np.square(of_squares).mean()))
     error = half(SURE)
     effective = min(float(n), (TWO_SIDED * sd / error) ** 2) if sd > FLOOR_C else float(n)
-    return Known(Bound(mean - error, mean + error, n, effective), Bound(None, max(high, FLOOR_C), n, freedom + 1), half)
+    return Bounds(Bound(mean - error, mean + error, n, effective), Bound(None, max(high, FLOOR_C), n, freedom + 1), half)
 
 
 def _cosines(counts: Floats) -> Floats:

@@ -40,7 +40,7 @@ from numpy.typing import NDArray
 
 from jbclog.analysis.verdict.batch_means import CELL_S as BATCH_CELL_S
 from jbclog.analysis.verdict.batch_means import bounds_by_batches, means_of_batches
-from jbclog.analysis.verdict.bounds import Bound, Cells, Known, known
+from jbclog.analysis.verdict.bounds import Bound, Bounds, Cells, bounds_of_cells
 from jbclog.analysis.verdict.versions import BOUNDS_HOLD, RULES
 
 Floats = NDArray[np.float64]
@@ -132,12 +132,12 @@ class IdleError:
         spread = self.squares - self.total * self.total / self.rows
         return sqrt(max(spread, 0.0) / (self.rows - 1))
 
-    def known(self) -> Known | str:
+    def latest_bounds(self) -> Bounds | str:
         """Return the 95 % bounds of both by the latest rules (`bounds.py`), or a sentence why there are none."""
         mean, spread = self.mean_c, self.sd_c
         if mean is None or spread is None:
             return NOT_IDLE
-        return known(self.cells, self.seconds, mean, spread)
+        return bounds_of_cells(self.cells, self.seconds, mean, spread)
 
     @property
     def bounds(self) -> tuple[Bound, Bound] | None:
@@ -148,7 +148,7 @@ class IdleError:
         if self.rules < BOUNDS_HOLD:
             means = means_of_batches(self.cells, self.seconds / self.rows)
             return bounds_by_batches(self.rows, mean, spread, means)
-        found = self.known()
+        found = self.latest_bounds()
         return None if isinstance(found, str) else (found.mean, found.sd)
 
 

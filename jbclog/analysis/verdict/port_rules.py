@@ -87,7 +87,7 @@ def _bounds(measure: PortMeasure, by: int) -> tuple[Bound | str | None, Bound | 
     """Return the bounds of idle error and standard deviation; a sentence why there is none; None if the rules need none."""
     if by < BOUNDS_HOLD:
         return measure.idle.bounds or (None, None)
-    found = measure.idle.known()
+    found = measure.idle.latest_bounds()
     return (found, found) if isinstance(found, str) else (found.mean, found.sd)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from jbclog.analysis.verdict.bounds import Known
+from jbclog.analysis.verdict.bounds import Bounds
 from jbclog.analysis.verdict.idle import IdleError
 from support.plants.filters import filtered
 
@@ -88,5 +88,5 @@ def idle_of(errors: Floats, hz: float, at: Floats | None = None) -> IdleError:
     return idle
 
 
-def bounds_of(errors: Floats, hz: float, at: Floats | None = None) -> Known | str:
-    return idle_of(errors, hz, at).known()
+def bounds_of(errors: Floats, hz: float, at: Floats | None = None) -> Bounds | str:
+    return idle_of(errors, hz, at).latest_bounds()

@@ -13,12 +13,12 @@ from jbclog.analysis.verdict.bounds import (
     TIMES,
     WHITE,
     Bound,
+    Bounds,
     Cells,
-    Known,
     _below_chi_squared,
     _beyond_t,
     _processes,
-    known,
+    bounds_of_cells,
 )
 from jbclog.analysis.verdict.port_rules import bounded
 from jbclog.analysis.verdict.rule import Result, Rule
@@ -28,13 +28,13 @@ from support.plants.idle_courses import Floats, bounds_of, idle_of, slow, told
 HZ = 10.0
 
 
-def of(errors: Floats) -> Known:
+def of(errors: Floats) -> Bounds:
     found = bounds_of(errors, HZ)
-    assert isinstance(found, Known)
+    assert isinstance(found, Bounds)
     return found
 
 
-def width(found: Known) -> float:
+def width(found: Bounds) -> float:
     assert found.mean.low is not None
     return found.mean.high - found.mean.low
 
@@ -107,7 +107,7 @@ def test_too_little_for_a_bound() -> None:
     text = bounds_of(np.random.default_rng(1).normal(0, 1, 295), HZ)
     assert text == "A 95 % bound takes 30 s of the tip at rest, and 15 readings; there are 29.5 s."
     assert isinstance(bounds_of(np.random.default_rng(1).normal(0, 1, 5), 0.1), str)
-    assert isinstance(known(Cells(), LEAST_S - 1, 0.0, 1.0), str)
+    assert isinstance(bounds_of_cells(Cells(), LEAST_S - 1, 0.0, 1.0), str)
 
 
 def test_a_month_of_readings_stays_small_and_its_drift_is_seen() -> None:
@@ -119,8 +119,8 @@ def test_a_month_of_readings_stays_small_and_its_drift_is_seen() -> None:
     counts, sums, squares = cells.in_order()
     assert sums.sum() / counts.sum() == pytest.approx(14.5, abs=0.1)
     assert squares.sum() / counts.sum() == pytest.approx(np.mean(np.arange(30.0) ** 2), rel=0.01)
-    found = known(cells, 30 * 86_400.0, 14.5, 8.66)
-    assert isinstance(found, Known)
+    found = bounds_of_cells(cells, 30 * 86_400.0, 14.5, 8.66)
+    assert isinstance(found, Bounds)
     assert width(found) > 5
 
 
@@ -130,9 +130,9 @@ def test_it_does_not_matter_in_how_many_pieces_they_come() -> None:
     other = idle_of(errors[:0], HZ)
     for place in range(0, len(errors), 37):
         other.add(np.arange(place, min(place + 37, len(errors))) / HZ, errors[place : place + 37], 1 / HZ)
-    first, second = one.known(), other.known()
-    assert isinstance(first, Known)
-    assert isinstance(second, Known)
+    first, second = one.latest_bounds(), other.latest_bounds()
+    assert isinstance(first, Bounds)
+    assert isinstance(second, Bounds)
     assert (first.mean.high, first.sd.high) == pytest.approx((second.mean.high, second.sd.high))
 
 

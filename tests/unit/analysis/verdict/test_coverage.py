@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from jbclog.analysis import spc
-from jbclog.analysis.verdict.bounds import Known
+from jbclog.analysis.verdict.bounds import Bounds
 from support.plants.idle_courses import Course, Floats, bounds_of, idle_of, in_pieces, moments, noisy, ringing, slow, told
 
 LENGTHS_S = (30, 45, 60, 120, 300, 900)
@@ -34,7 +34,7 @@ class Tried:
     mean: int = 0
     sd: int = 0
 
-    def add(self, found: Known | str, mean_c: float, sd_c: float) -> Tried:
+    def add(self, found: Bounds | str, mean_c: float, sd_c: float) -> Tried:
         tried = replace(self, courses=self.courses + 1)
         if isinstance(found, str):
             return tried
@@ -99,8 +99,8 @@ def verdicts(difference_c: float, tau_s: float, times: int, seed: int, hz: float
         both = [idle_of(told(rng, slow(tau_s)(rng, 900, hz), mean_c, sd_c), hz) for mean_c in (MEAN_C, MEAN_C + difference_c)]
         means = []
         for idle in both:
-            found = idle.known()
-            assert isinstance(found, Known)
+            found = idle.latest_bounds()
+            assert isinstance(found, Bounds)
             means.append(spc.Mean(idle.mean_c or 0.0, found.half))
         said.append(spc.equivalence_of(means[0], means[1], MARGIN_C).verdict)
     return said
