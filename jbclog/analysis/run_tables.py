@@ -229,7 +229,7 @@ class RunTables:
         rows = [*rows_and_holes(path)]
         passed = [row for row in rows if isinstance(row, LinkRow)]
         for hole in (row for row in rows if isinstance(row, Hole)):
-            warnings.warn(f"{path}: {hole.told(head)}", stacklevel=2)
+            warnings.warn(f"{path}: {hole.describe(head)}", stacklevel=2)
         table = pd.DataFrame(passed, columns=["time", "what", "data", "text"])
         micros = (table["time"] + (head.t0_utc - head.t0_mono)).mul(1e6).round()
         return table.assign(time=micros.astype("int64").astype("datetime64[us]").dt.tz_localize("UTC"))

@@ -87,7 +87,7 @@ class Hole:
     after_s: float | None
     before_s: float | None
 
-    def told(self, head: Head | None) -> str:
+    def describe(self, head: Head | None) -> str:
         """Return what is lost, where in the file, and between which times."""
         return f"{self.gap}; nothing is known {_between(self.after_s, self.before_s, head)}"
 

@@ -68,7 +68,7 @@ def losses(path: Path) -> Iterator[str]:
         yield _portable(error, path)
     try:
         for hole in holes(path):
-            yield hole.told(head)
+            yield hole.describe(head)
     except RecordError as error:
         yield _portable(error, path)
 
