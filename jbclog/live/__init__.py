@@ -1,0 +1,36 @@
+"""Follows a run while it is recorded, from outside: without a lock, without writing, from any moment on.
+
+Start with `follow`. What it gives is described in `states.py`; `store_follower.py` reads the live store, `view.py` has the rules
+for what counts as known and as normal. This package is public: `jbclog.live`.
+"""
+
+from jbclog.live.follower import Follower, follow
+from jbclog.live.states import (
+    Condition,
+    Counter,
+    Coverage,
+    NumberedEvent,
+    Phase,
+    PortState,
+    Reading,
+    RunState,
+    Setting,
+    StationState,
+    Trace,
+)
+
+__all__ = [
+    "Condition",
+    "Counter",
+    "Coverage",
+    "Follower",
+    "NumberedEvent",
+    "Phase",
+    "PortState",
+    "Reading",
+    "RunState",
+    "Setting",
+    "StationState",
+    "Trace",
+    "follow",
+]

@@ -1,0 +1,125 @@
+"""What the events, settings and counters of a run say: alarms and problems that hold now, the unit on the bench."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Final
+
+import pyarrow as pa
+
+from jbclog.core.rows import EventRow, Severity
+from jbclog.live.states import Counter, NumberedEvent, Setting
+from jbclog.record.annotations import BEGIN, END
+
+MOST_EVENTS: Final = 1000  # that are kept for showing
+
+Place = tuple[str | None, int | None]
+"""Station and port; None: the whole run, the whole station."""
+
+ALARMS_BEGIN: Final = ("alarm.high", "alarm.low")
+ALARMS_END: Final = {"alarm.high.ended": "alarm.high", "alarm.low.ended": "alarm.low"}
+EPISODE_BEGINS, EPISODE_ENDS = "alarm.episode.raised", "alarm.episode.cleared"
+FLAGS_LOST: Final = "alarm.unknown"
+
+PROBLEMS_BEGIN: Final = (
+    *("link.lost", "robot.off", "station.error", "port.error", "tool.unknown"),
+    *("solder.shortage", "feeder.clogged", "control.preparing", "temperature.out_of_range"),
+    *("safety.not_safe", "safety.not_known", "alarm.episode.failed", "identity.changed", "setting.changed"),
+    *("record.failed", "guard.none", "guard.weak", "guard.lost", "guard.failed", "guard.took_over", "wire.failed"),
+)
+PROBLEMS_END: Final = {
+    "link.back": "link.lost",
+    "robot.on": "robot.off",
+    "station.ok": "station.error",
+    "port.ok": "port.error",
+    "solder.shortage.ended": "solder.shortage",
+    "feeder.clogged.ended": "feeder.clogged",
+    "control.ready": "control.preparing",
+    "temperature.in_range": "temperature.out_of_range",
+    "safety.safe_state": "safety.not_safe",
+}
+"""Kind of the end -> kind of the begin. A problem without an end holds until the run ends."""
+
+
+class EventHistory:
+    """Takes events in their order."""
+
+    def __init__(self) -> None:
+        self.newest: deque[NumberedEvent] = deque(maxlen=MOST_EVENTS)
+        self.unit: str | None = None
+        self._alarms: dict[Place, dict[str, str]] = {}
+        self._problems: dict[Place, dict[str, str]] = {}
+        self._flags_lost: dict[Place, int] = {}
+
+    def add(self, rows: pa.Table) -> None:
+        times = [rows[name].cast(pa.int64()).to_pylist() for name in ("time", "earliest")]
+        for row, time, earliest in zip(rows.to_pylist(), *times, strict=True):
+            self._add(row["seq"], _event(row, time, earliest))
+
+    def alarms(self, place: Place) -> tuple[str, ...]:
+        """Return the texts of the alarms that hold at a place."""
+        return tuple(self._alarms.get(place, {}).values())
+
+    def problems(self, place: Place) -> tuple[str, ...]:
+        """Return the texts of the problems that hold at a place."""
+        return tuple(self._problems.get(place, {}).values())
+
+    def flags_lost_at(self, place: Place) -> int | None:
+        """Return when the answer with the alarm flags was lost last, UTC in µs."""
+        return self._flags_lost.get(place)
+
+    def _add(self, seq: int, event: EventRow) -> None:
+        self.newest.append(NumberedEvent(seq, event))
+        place, kind = (event.station, event.port), event.kind
+        alarms, problems = self._alarms.setdefault(place, {}), self._problems.setdefault(place, {})
+        if kind in ALARMS_BEGIN:
+            alarms[kind] = event.text
+        elif kind == EPISODE_BEGINS:
+            alarms[event.raw or kind] = event.text
+        elif kind == EPISODE_ENDS:
+            alarms.pop(event.raw or EPISODE_BEGINS, None)
+        elif kind == FLAGS_LOST:
+            self._flags_lost[place] = event.time
+        elif kind in PROBLEMS_BEGIN:
+            problems[kind] = event.text
+        elif kind == BEGIN:
+            self.unit = event.raw
+        elif kind == END:
+            self.unit = None
+        alarms.pop(ALARMS_END.get(kind, ""), None)
+        problems.pop(PROBLEMS_END.get(kind, ""), None)
+
+
+def _event(row: dict[str, object], time: int, earliest: int | None) -> EventRow:
+    names = ("station", "port", "code", "value", "limit", "raw")
+    more = {name: row[name] for name in names}
+    try:
+        severity = Severity(str(row["severity"]))
+    except ValueError:  # of a newer jbclog: shown as what needs a look
+        severity = Severity.WARNING
+    return EventRow(time, str(row["kind"]), severity, str(row["text"]), earliest=earliest, **more)  # type: ignore[arg-type]
+
+
+class SettingHistory:
+    """The newest readings of settings and counters of each station."""
+
+    def __init__(self) -> None:
+        self._settings: dict[str, dict[tuple[int | None, str | None, str], Setting]] = {}
+        self._counters: dict[str, dict[tuple[int | None, str], Counter]] = {}
+
+    def add_settings(self, rows: pa.Table) -> None:
+        for row in rows.drop_columns(["time"]).to_pylist():
+            port, tool, name = row["port"], row["tool"], row["setting"]
+            one = Setting(port, tool, name, row["readback"], row["unit"], row["outcome"])
+            self._settings.setdefault(row["station"], {})[port, tool, name] = one
+
+    def add_counters(self, rows: pa.Table) -> None:
+        for row in rows.drop_columns(["time"]).to_pylist():
+            one = Counter(row["port"], row["counter"], row["value"], row["unit"], row["raw"])
+            self._counters.setdefault(row["station"], {})[one.port, one.name] = one
+
+    def settings(self, station: str) -> tuple[Setting, ...]:
+        return tuple(self._settings.get(station, {}).values())
+
+    def counters(self, station: str) -> tuple[Counter, ...]:
+        return tuple(self._counters.get(station, {}).values())

@@ -1,0 +1,50 @@
+"""Whether a recorder lives, and what its clock shows now, by the time that it writes into its lock with each commit."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from jbclog.core.clock import Clock
+
+ALIVE_S: Final = 1.5  # between two commits a recorder takes 0.8 s
+DELAYED_S: Final = 3.0
+
+
+class Heartbeat:
+    """`see` takes the time of the last commit, in seconds since 1970 UTC by the recorder's clock, at each poll."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._commit_s: float | None = None
+        self._base_s = 0.0  # the recorder's clock when `_commit_s` was seen first
+        self._seen_at = clock.monotonic()
+        self._is_renewed = False
+
+    def see(self, commit_s: float | None) -> None:
+        if commit_s is None or commit_s == self._commit_s:
+            return
+        self._is_renewed = self._commit_s is not None
+        # of the first one only the wall clock says how old it is; a later one is new
+        self._base_s = commit_s if self._is_renewed else max(commit_s, self._clock.utc())
+        self._commit_s, self._seen_at = commit_s, self._clock.monotonic()
+
+    @property
+    def age_s(self) -> float | None:
+        """Seconds since the last commit; None before the first."""
+        if self._commit_s is None:
+            return None
+        return max(self._base_s - self._commit_s, 0.0) + self._clock.monotonic() - self._seen_at
+
+    @property
+    def waited_s(self) -> float:
+        """Seconds since this follower last saw something new, or began."""
+        return self._clock.monotonic() - self._seen_at
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether a commit was seen to happen just now; False does not mean that there was none."""
+        return self._is_renewed and self.waited_s < ALIVE_S
+
+    def recorder_us(self) -> float | None:
+        """Return the recorder's clock, UTC in µs; None before its first commit."""
+        return None if self._commit_s is None else (self._base_s + self._clock.monotonic() - self._seen_at) * 1e6

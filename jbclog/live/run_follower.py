@@ -1,0 +1,269 @@
+"""Follows one run: reads what its record gains, and describes the run at a moment. Start with `RunFollower.poll`."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final
+
+import pyarrow as pa
+
+from jbclog.core.clock import Clock, SystemClock
+from jbclog.core.errors import RecordError
+from jbclog.core.foreign.json_reader import builder, json_of
+from jbclog.core.foreign.tables import metadata_of, open_table
+from jbclog.core.locks import commit_status, is_held
+from jbclog.core.rows import StationFacts
+from jbclog.core.states import StationOutcome
+from jbclog.live.event_history import EventHistory, SettingHistory
+from jbclog.live.heartbeat import DELAYED_S, Heartbeat
+from jbclog.live.sample_history import SampleHistory
+from jbclog.live.states import Phase, RunState
+from jbclog.live.store_follower import Sealed, StoreFollower
+from jbclog.live.view import RunView
+from jbclog.record.manifest import NAME as MANIFEST
+from jbclog.record.manifest import Manifest, read_manifest
+from jbclog.record.manifest import RunState as RecordState
+from jbclog.record.parts import groups_of, part_paths, parts_through
+
+NEWEST_BATCHES: Final = 90  # of samples: more than a minute of commits
+NEWEST_GROUPS: Final = 2  # of a sealed run: more than 32 000 rows
+EARLIER_S: Final = 0.1  # of computing for older rows at each poll
+STARTING_S: Final = 5.0  # from the creation of a folder to its first commit
+TRIES: Final = 5
+STARTING: Final = "The run begins; nothing is recorded yet."
+CRASHED: Final = "The recorder ended without finalizing; tools may be hot. `jbclog recover` finishes the record."
+NOT_ALL_COMMITTED: Final = (Phase.STARTING, Phase.RECORDING, Phase.DELAYED)
+
+_build_facts: Final = builder(StationFacts)
+
+
+class RunFollower:
+    """The run in `folder`, from any moment on. It only reads, takes no lock, and may be stopped or killed at any step.
+
+    Call `poll` about twice a second and `close` at the end. `clock` is for tests.
+    """
+
+    def __init__(self, folder: Path, clock: Clock | None = None) -> None:
+        self.folder = folder
+        self._clock = clock or SystemClock()
+        self._heartbeat = Heartbeat(self._clock)
+        self._manifest: Manifest | None = None
+        self._manifest_is: tuple[int, ...] = ()
+        self._trouble = ""
+        self._begin()
+
+    def _begin(self) -> None:
+        """Forget everything that was read."""
+        self._store = StoreFollower(self.folder)
+        self._facts: dict[str, StationFacts] = {}
+        self._samples, self._events, self._settings = SampleHistory(), EventHistory(), SettingHistory()
+        self._earlier: Iterator[pa.Table] = iter(())
+        self._is_begun = self._is_whole = self._is_from_parts = False
+
+    def close(self) -> None:
+        self._store.close()
+
+    def poll(self) -> RunState:
+        """Read what is new and return the run as it is now. Trouble with the record is a phase, not an error."""
+        status = commit_status(self.folder)
+        self._heartbeat.see(status.since)
+        try:
+            self._read_manifest()
+            phase, _ = self._phase()
+            self._read(status.last if phase in NOT_ALL_COMMITTED else None)
+            phase, text = self._phase()
+            if self._is_sealed and not self._is_from_parts:
+                self._read(None)  # sealed during the reading: the store may have lacked the end
+            self._trouble = ""
+        except RecordError as error:
+            phase, text, self._trouble = Phase.UNREADABLE, str(error), str(error)
+        return self._view().state(phase, text)
+
+    def _view(self) -> RunView:
+        return RunView(
+            folder=self.folder,
+            manifest=self._manifest,
+            heartbeat=self._heartbeat,
+            stations=self._stations(),
+            samples=self._samples,
+            events=self._events,
+            settings=self._settings,
+            damage=self._store.damage,
+            dropped_rows=self._store.dropped_rows,
+            is_whole=self._is_whole,
+        )
+
+    def _stations(self) -> list[StationFacts]:
+        """Return what is known of each station, in the manifest's order; of an ended session the manifest has the last word."""
+        planned = [] if self._manifest is None else self._manifest.stations
+        facts = {one.name: one for one in planned}
+        for name, found in self._facts.items():
+            if name not in facts or facts[name].outcome == StationOutcome.RUNNING:
+                facts[name] = found
+        return list(facts.values())
+
+    # -- where the run stands -------------------------------------------------------------------------------------------------
+
+    @property
+    def _is_sealed(self) -> bool:
+        return self._manifest is not None and self._manifest.state == RecordState.SEALED
+
+    def _phase(self) -> tuple[Phase, str]:
+        if not self.folder.is_dir():
+            return Phase.GONE, "The run's folder was removed."
+        if not self._is_recorder_alive():
+            self._read_manifest()  # after the lock: a run is sealed before its lock is released
+            if self._is_sealed:
+                return Phase.FINALIZED, "The run has ended and is finalized."
+            if self._heartbeat.age_s is not None or self._heartbeat.waited_s >= STARTING_S or self._manifest is not None:
+                return Phase.CRASHED, CRASHED
+            return Phase.STARTING, STARTING
+        return self._phase_of_lock()
+
+    def _phase_of_lock(self) -> tuple[Phase, str]:
+        """Return the phase of a run whose recorder lives."""
+        age = self._heartbeat.age_s
+        if self._store.is_closed:
+            return Phase.FINALIZING, "The run has ended; its record is being finalized."
+        if age is None:
+            return Phase.STARTING, STARTING
+        if age < DELAYED_S:
+            return Phase.RECORDING, "Recording."
+        return Phase.DELAYED, f"No commit for {age:.0f} s: the disk or the recorder is delayed."
+
+    def _is_recorder_alive(self) -> bool:
+        try:
+            return self._heartbeat.is_alive or is_held(self.folder)
+        except OSError as error:
+            raise RecordError(f"{self.folder}: its lock cannot be read: {error.strerror or error}") from error
+
+    def _read_manifest(self) -> None:
+        """Read the manifest where its file is another one; it is always replaced as a whole. Raises RecordError."""
+        try:
+            there = (self.folder / MANIFEST).lstat()
+        except OSError:
+            return
+        identity = (there.st_ino, there.st_mtime_ns, there.st_size)
+        if identity != self._manifest_is or self._trouble:
+            self._manifest = read_manifest(self.folder)
+            self._manifest_is = identity
+
+    # -- reading --------------------------------------------------------------------------------------------------------------
+
+    def _read(self, through: int | None) -> None:
+        """Read what is new. Where batches have become sealed parts meanwhile, begin again."""
+        for _ in range(TRIES):
+            try:
+                if self._is_sealed:
+                    self._read_sealed()
+                else:
+                    self._read_store(through)
+                self._read_earlier()
+                return
+            except Sealed:
+                self._store.close()
+                self._begin()
+                self._read_manifest()
+
+    def _read_store(self, through: int | None) -> None:
+        before = self._store.last
+        new = self._store.refresh(through)
+        self._take_facts()
+        if not self._is_begun:
+            if new or self._store.exists:
+                self._read_first(new)
+            return
+        if new and before and new[0][0] > before + 1:
+            raise Sealed
+        for number, table in new:
+            self._add(table, self._store.table(number))
+
+    def _read_first(self, new: list[tuple[int, str]]) -> None:
+        """Read the newest rows and all events; older samples come later."""
+        parts = {table: part_paths(self.folder, table) for table in ("samples", "events", "settings", "counters")}
+        sealed = {table: parts_through(paths) for table, paths in parts.items()}
+        if new and new[0][0] > max(*sealed.values(), 0) + 1 and new[0][0] > self._store.sealed_through + 1:
+            raise Sealed  # a part was completed between the two looks
+        for table in ("events", "settings", "counters"):
+            for group in groups_of(parts[table]):
+                self._add(table, group)
+        live = [(number, table) for number, table in new if number > sealed[table]]
+        samples = [number for number, table in live if table == "samples"]
+        for number, table in live:
+            if table != "samples" or number in samples[-NEWEST_BATCHES:]:
+                self._add(table, self._store.table(number))
+        self._earlier = self._older(samples[:-NEWEST_BATCHES][::-1], parts["samples"])
+        self._is_begun = True
+
+    def _older(self, batches: list[int], parts: list[Path]) -> Iterator[pa.Table]:
+        """Yield older samples: those in the live store, which are sealed within the hour, then the parts."""
+        for number in batches:
+            table = self._store.table(number)
+            if table is not None:
+                yield table
+        yield from groups_of(parts)
+
+    def _read_sealed(self) -> None:
+        """Read a finalized run once, from its parts."""
+        if self._is_from_parts:
+            return
+        self._store.close()
+        self._begin()
+        for table in ("events", "settings", "counters"):
+            for group in groups_of(part_paths(self.folder, table)):
+                self._add(table, group)
+        groups = _groups_in(part_paths(self.folder, "samples"))
+        for path, index in groups[-NEWEST_GROUPS:]:
+            self._add("samples", _group(path, index))
+        self._earlier = (_group(path, index) for path, index in groups[:-NEWEST_GROUPS])
+        self._is_begun = self._is_from_parts = True
+
+    def _read_earlier(self) -> None:
+        """Read older samples for a while."""
+        until = time.monotonic() + EARLIER_S
+        while self._is_begun and not self._is_whole and time.monotonic() < until:
+            rows = next(self._earlier, None)
+            if rows is None:
+                self._is_whole = True
+            else:
+                self._samples.add_earlier(rows)
+
+    def _add(self, table: str, rows: pa.Table | None) -> None:
+        if rows is None or not len(rows):
+            return
+        if table == "samples":
+            self._samples.add(rows, {facts.name: facts.period_s for facts in self._stations()})
+        elif table == "events":
+            self._events.add(rows)
+        elif table == "settings":
+            self._settings.add_settings(rows)
+        else:
+            self._settings.add_counters(rows)
+
+    def _take_facts(self) -> None:
+        for name, text in self._store.changed_facts().items():
+            try:
+                self._facts[name] = _build_facts(json_of(text))
+            except ValueError as error:
+                raise RecordError(f"{self.folder}: the facts of station {name} cannot be read: {error}") from error
+
+
+def _groups_in(parts: list[Path]) -> list[tuple[Path, int]]:
+    """Return part and number of each row group. Raises RecordError."""
+    found: list[tuple[Path, int]] = []
+    for path in parts:
+        try:
+            found += [(path, index) for index in range(metadata_of(path).num_row_groups)]
+        except (pa.ArrowException, OSError) as error:
+            raise RecordError(f"{path} is no readable part: {error}") from error
+    return found
+
+
+def _group(path: Path, index: int) -> pa.Table:
+    try:
+        with open_table(path) as file:
+            return file.group(index)
+    except (pa.ArrowException, OSError) as error:
+        raise RecordError(f"{path}, row group {index}: {error}") from error

@@ -1,0 +1,202 @@
+"""Pages of a SQLite database that another process writes, read without any lock.
+
+A lock of SQLite that a stopped follower holds would keep the recorder's write-ahead log from being reused, and it would grow. So
+the pages are read as SQLite's file format describes them ("Database File Format", sections 1.3 and 4): of each page the newest
+committed frame of the log, else the page of the database file. That is one consistent state as long as the log was not begun
+anew meanwhile, because a checkpoint changes only pages that the log holds. `snapshot` reads again where that was not so.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Callable
+from io import BufferedReader
+from pathlib import Path
+from typing import Final, TypeVar
+
+from jbclog.core.foreign.files import Kind, open_foreign
+
+T = TypeVar("T")
+
+LOG_HEADER: Final = struct.Struct(">8I")  # magic, version, page size, sequence, two salts, two check sums
+FRAME_HEADER: Final = struct.Struct(">6I")  # page, pages after a commit or 0, two salts, two check sums
+ORDERS: Final = {0x377F0682: "<", 0x377F0683: ">"}  # byte order of the check sums by the log's magic
+MAGIC: Final = b"SQLite format 3\0"
+PAGE_SIZES: Final = tuple(1 << power for power in range(9, 17))
+WORD: Final = 0xFFFFFFFF
+TRIES: Final = 50
+
+
+class Malformed(Exception):
+    """The file is no database, or damaged."""
+
+
+class _Changed(Exception):
+    """The files changed in a way that makes what was read inconsistent."""
+
+
+class DatabasePages:
+    """The pages of the database at `path`. Raises OSError where it cannot be opened."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._file = open_foreign(path, Kind.STORE)
+        self._log: BufferedReader | None = None
+        self._begin_log(b"")
+        self._from_file: set[int] = set()
+        self._size = self._reserved = 0
+
+    def close(self) -> None:
+        self._file.close()
+        self._close_log()
+
+    def is_same_file(self) -> bool:
+        """Whether the path still leads to the opened file."""
+        return _is_same_file(self._file, self.path)
+
+    def snapshot(self, read: Callable[[DatabasePages], T]) -> T:
+        """Return what `read` returns when it read from one committed state. Raises Malformed, OSError."""
+        for _ in range(TRIES):
+            self._refresh()
+            try:
+                self._read_page_size()
+                found = read(self)
+            except Malformed:
+                if self._is_consistent():
+                    raise
+            else:
+                if self._is_consistent():
+                    return found
+        raise Malformed(f"{self.path.name} changed {TRIES} times while it was read")
+
+    @property
+    def usable(self) -> int:
+        """Bytes of a page that hold content."""
+        return self._size - self._reserved
+
+    def page(self, number: int) -> bytes:
+        """Return a page, numbered from 1. Raises Malformed where it is missing."""
+        at = self._frames.get(number)
+        if at is None:
+            self._from_file.add(number)
+            data = os.pread(self._file.fileno(), self._size, (number - 1) * self._size)
+        else:
+            data = os.pread(self._log.fileno(), self._size, at) if self._log else b""
+        if number < 1 or len(data) != self._size:
+            raise Malformed(f"page {number} is missing")
+        return data
+
+    def _refresh(self) -> None:
+        """Read what was added to the log."""
+        self._from_file.clear()
+        if self._log is None or not self._is_same_log():
+            self._open_log()
+        header = self._log_header()
+        if header != self._header:
+            self._begin_log(header)
+        self._read_frames()
+
+    def _is_consistent(self) -> bool:
+        """Whether all pages since `_refresh` are of one committed state."""
+        if not self._is_same_log() or self._log_header() != self._header:
+            return False
+        return self._from_file.isdisjoint(self._read_frames())
+
+    def _read_page_size(self) -> None:
+        self._size, self._reserved = self._log_page_size or self._file_page_size(), 0
+        if self._size not in PAGE_SIZES:
+            raise Malformed(f"{self.path.name} has pages of {self._size} bytes")
+        first = self.page(1)
+        if not first.startswith(MAGIC):
+            raise Malformed(f"{self.path.name} is no SQLite database")
+        self._reserved = first[20]
+
+    def _file_page_size(self) -> int:
+        size = int.from_bytes(os.pread(self._file.fileno(), 2, 16), "big")
+        return 65_536 if size == 1 else size
+
+    # -- the log --------------------------------------------------------------------------------------------------------------
+
+    @property
+    def _log_path(self) -> Path:
+        return self.path.with_name(self.path.name + "-wal")
+
+    def _open_log(self) -> None:
+        self._close_log()
+        try:
+            self._log = open_foreign(self._log_path, Kind.STORE)
+        except FileNotFoundError:
+            self._log = None
+
+    def _close_log(self) -> None:
+        if self._log is not None:
+            self._log.close()
+        self._log = None
+
+    def _is_same_log(self) -> bool:
+        return _is_same_file(self._log, self._log_path) if self._log else not os.path.lexists(self._log_path)
+
+    def _log_header(self) -> bytes:
+        return os.pread(self._log.fileno(), LOG_HEADER.size, 0) if self._log else b""
+
+    def _begin_log(self, header: bytes) -> None:
+        """Forget the frames so far; a log whose header is not valid has none."""
+        self._header = header
+        self._frames: dict[int, int] = {}  # page -> where its newest committed content begins in the log
+        self._order: str | None = None
+        self._next, self._log_page_size = LOG_HEADER.size, 0
+        if len(header) < LOG_HEADER.size:
+            return
+        magic, _, size, _, *self._salts, first, second = LOG_HEADER.unpack(header)
+        order = ORDERS.get(magic)
+        if order and size in PAGE_SIZES and _check_sums(order, header[:24], (0, 0)) == (first, second):
+            self._order, self._log_page_size, self._sums = order, size, (first, second)
+
+    def _read_frames(self) -> set[int]:
+        """Read the frames after the last commit that was read; return the pages of those committed since."""
+        added: set[int] = set()
+        if self._order is None or self._log is None:
+            return added
+        at, sums, waiting = self._next, self._sums, dict[int, int]()
+        while (head := self._frame(at, sums)) is not None:
+            page, is_commit, sums = head
+            waiting[page] = at + FRAME_HEADER.size
+            at += FRAME_HEADER.size + self._log_page_size
+            if is_commit:
+                self._frames.update(waiting)
+                added.update(waiting)
+                waiting.clear()
+                self._next, self._sums = at, sums
+        return added
+
+    def _frame(self, at: int, sums: tuple[int, int]) -> tuple[int, bool, tuple[int, int]] | None:
+        """Return the page, whether it is the last of a commit, and the check sums of a frame; None for one that is not valid."""
+        assert self._log is not None
+        assert self._order is not None
+        data = os.pread(self._log.fileno(), FRAME_HEADER.size + self._log_page_size, at)
+        if len(data) < FRAME_HEADER.size + self._log_page_size:
+            return None
+        page, pages_after, *salts, first, second = FRAME_HEADER.unpack_from(data)
+        if salts != self._salts or page < 1:
+            return None
+        sums = _check_sums(self._order, data[:8], sums)
+        sums = _check_sums(self._order, data[FRAME_HEADER.size :], sums)
+        return (page, pages_after > 0, sums) if sums == (first, second) else None
+
+
+def _check_sums(order: str, data: bytes, sums: tuple[int, int]) -> tuple[int, int]:
+    """Continue the check sums of a log over `data` ("Database File Format", section 4.2)."""
+    first, second = sums
+    words = struct.unpack(f"{order}{len(data) // 4}I", data)
+    for even, odd in zip(words[::2], words[1::2], strict=True):
+        first = (first + even + second) & WORD
+        second = (second + odd + first) & WORD
+    return first, second
+
+
+def _is_same_file(file: BufferedReader, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(file.fileno()), path.lstat())
+    except OSError:
+        return False

@@ -1,0 +1,159 @@
+"""Rows of the tables in pages of SQLite ("Database File Format", sections 1.5, 1.6 and 2)."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from jbclog.live.sqlite_pages import DatabasePages, Malformed
+
+INTERIOR, LEAF = 5, 13  # kinds of pages of a table
+FILE_HEADER: Final = 100  # bytes before the content of page 1
+DEEPEST: Final = 20
+LONGEST: Final = 256 << 20  # bytes of a row
+WIDTHS: Final = (0, 1, 2, 3, 4, 6, 8)  # bytes of a whole number by its serial type
+
+Value = None | int | float | str | bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A row as its page holds it: its number, its length, the first bytes, and the page where the rest begins (0: none)."""
+
+    number: int
+    size: int
+    start: bytes
+    rest: int
+
+    def values(self, pages: DatabasePages) -> list[Value]:
+        """Return all columns. Raises Malformed."""
+        return _values(self._whole(pages))
+
+    def first_values(self, count: int) -> list[Value]:
+        """Return the first columns, which must be within the first page. Raises Malformed."""
+        return _values(self.start, count)
+
+    def _whole(self, pages: DatabasePages) -> bytes:
+        pieces, page, missing = [self.start], self.rest, self.size - len(self.start)
+        while missing > 0:
+            data = pages.page(page)
+            piece = data[4 : min(pages.usable, 4 + missing)]
+            pieces.append(piece)
+            page, missing = int.from_bytes(data[:4], "big"), missing - len(piece)
+        return b"".join(pieces)
+
+
+def roots(pages: DatabasePages) -> dict[str, int]:
+    """Return the first page of each table by its name. Raises Malformed."""
+    found: dict[str, int] = {}
+    for row in rows(pages, 1):
+        kind, name, _, root, *_ = row.values(pages)
+        if kind == "table" and isinstance(name, str) and isinstance(root, int):
+            found[name] = root
+    return found
+
+
+def rows(pages: DatabasePages, root: int, after: int = 0) -> Iterator[Row]:
+    """Yield the rows of the table at `root` with a number above `after`, ascending. Raises Malformed."""
+    return _rows(pages, root, after, set(), 0)
+
+
+def row(pages: DatabasePages, root: int, number: int) -> Row | None:
+    """Return one row, None if it does not exist. Raises Malformed."""
+    found = next(rows(pages, root, number - 1), None)
+    return found if found is not None and found.number == number else None
+
+
+def _rows(pages: DatabasePages, number: int, after: int, seen: set[int], depth: int) -> Iterator[Row]:
+    if number in seen or depth > DEEPEST:
+        raise Malformed(f"page {number} is in its table twice")
+    seen.add(number)
+    data = pages.page(number)
+    base = FILE_HEADER if number == 1 else 0
+    kind, cells = data[base], int.from_bytes(data[base + 3 : base + 5], "big")
+    if kind not in (INTERIOR, LEAF):
+        raise Malformed(f"page {number} is no page of a table")
+    places = _places(data, base + (12 if kind == INTERIOR else 8), cells)
+    if kind == LEAF:
+        yield from (one for at in places if (one := _row(data, at, pages.usable)).number > after)
+        return
+    for at in places:
+        key, _ = _varint(data, at + 4)
+        if key > after:  # the largest number below this child
+            yield from _rows(pages, int.from_bytes(data[at : at + 4], "big"), after, seen, depth + 1)
+    yield from _rows(pages, int.from_bytes(data[base + 8 : base + 12], "big"), after, seen, depth + 1)
+
+
+def _places(data: bytes, at: int, cells: int) -> tuple[int, ...]:
+    if at + 2 * cells > len(data):
+        raise Malformed("a page has more rows than fit")
+    return struct.unpack_from(f">{cells}H", data, at)
+
+
+def _row(data: bytes, at: int, usable: int) -> Row:
+    size, at = _varint(data, at)
+    number, at = _varint(data, at)
+    if not 0 <= size <= LONGEST:
+        raise Malformed(f"row {number} has {size} bytes")
+    here = _bytes_here(size, usable)
+    start = data[at : at + here]
+    rest = int.from_bytes(data[at + here : at + here + 4], "big") if here < size else 0
+    if len(start) < here or (here < size and rest < 2):
+        raise Malformed(f"row {number} reaches beyond its page")
+    return Row(number, size, start, rest)
+
+
+def _bytes_here(size: int, usable: int) -> int:
+    """Return how many bytes of a row are in the table's own page (section 1.6)."""
+    if size <= usable - 35:
+        return size
+    least = (usable - 12) * 32 // 255 - 23
+    here = least + (size - least) % (usable - 4)
+    return here if here <= usable - 35 else least
+
+
+def _values(data: bytes, count: int | None = None) -> list[Value]:
+    """Decode a row. `count`: only the first columns (section 2.1)."""
+    end, at = _varint(data, 0)
+    kinds: list[int] = []
+    while at < end and (count is None or len(kinds) < count):
+        kind, at = _varint(data, at)
+        kinds.append(kind)
+    found, at = list[Value](), end
+    for kind in kinds:
+        width = WIDTHS[kind] if kind < len(WIDTHS) else 8 if kind == 7 else (kind - 12) // 2 if kind >= 12 else 0
+        if at + width > len(data):
+            raise Malformed("a row is shorter than its header says")
+        found.append(_value(kind, data[at : at + width]))
+        at += width
+    return found
+
+
+def _value(kind: int, data: bytes) -> Value:
+    if kind == 0:
+        return None
+    if kind < len(WIDTHS):
+        return int.from_bytes(data, "big", signed=True)
+    if kind == 7:
+        return float(struct.unpack(">d", data)[0])
+    if kind < 12:
+        return kind - 8
+    try:
+        return data.decode() if kind % 2 else data
+    except UnicodeDecodeError as error:
+        raise Malformed("a text is not UTF-8") from error
+
+
+def _varint(data: bytes, at: int) -> tuple[int, int]:
+    """Return a number of variable length, and where the next byte is (section 1.6)."""
+    number = 0
+    for place in range(at, min(at + 8, len(data))):
+        number = number << 7 | data[place] & 0x7F
+        if data[place] < 0x80:
+            return number, place + 1
+    if at + 8 >= len(data):
+        raise Malformed("a number reaches beyond its page")
+    number = number << 8 | data[at + 8]
+    return number - (1 << 64 if number >> 63 else 0), at + 9

@@ -1,0 +1,196 @@
+"""What a follower knows of a run at one moment: plain frozen values. Unknown is never shown as normal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+
+from jbclog.core.rows import EventRow
+
+
+class Phase(StrEnum):
+    """Where a run stands, seen from outside."""
+
+    STARTING = "starting"  # nothing was committed yet
+    RECORDING = "recording"
+    DELAYED = "delayed"  # the recorder lives and has not committed for a while
+    FINALIZING = "finalizing"
+    FINALIZED = "finalized"
+    CRASHED = "crashed"  # the recorder ended without finalizing
+    UNREADABLE = "unreadable"
+    GONE = "gone"  # its folder was removed
+
+
+class Condition(StrEnum):
+    """How a port stands, the worst first."""
+
+    ALARM = "alarm"
+    FAILED = "failed"  # its station did not complete its part of the run
+    STALE = "stale"  # the newest reading is too old, or nobody records
+    NOT_KNOWN = "not known"  # the newest reading has no value
+    ATTENTION = "attention"  # a value or the station needs a look
+    NORMAL = "normal"
+    ENDED = "ended"
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """The newest reading of a signal. `why`: the reason why there is no newer value; `age_s` is that of `value`.
+
+    `is_known`: there is a value, nothing newer failed, and it is not too old.
+    """
+
+    value: int | float | str | bool | None = None
+    age_s: float | None = None
+    why: str | None = None
+    is_stale: bool = True
+
+    @property
+    def is_known(self) -> bool:
+        return self.value is not None and self.why is None and not self.is_stale
+
+
+NOT_READ = Reading(why="not read yet")
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Temperature readings obtained of those due. `is_whole`: counted from the run's begin."""
+
+    due: int = 0
+    obtained: int = 0
+    is_whole: bool = False
+
+    @property
+    def share(self) -> float | None:
+        return self.obtained / self.due if self.due else None
+
+
+@dataclass(frozen=True, slots=True)
+class Trace:
+    """The last minute of a port: seconds before its newest row (0 or negative), and the values there; None: not read."""
+
+    seconds: tuple[float, ...] = ()
+    temperature_c: tuple[float | None, ...] = ()
+    power_permille: tuple[float | None, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """A setting as it was read last, or why it was not."""
+
+    port: int | None
+    tool: str | None
+    name: str
+    value: str | None
+    unit: str
+    outcome: str
+
+
+@dataclass(frozen=True, slots=True)
+class Counter:
+    """A counter as it was read last; `raw` has the reason where there is no value."""
+
+    port: int | None
+    name: str
+    value: float | None
+    unit: str
+    raw: str
+
+
+@dataclass(frozen=True, slots=True)
+class PortState:
+    """A port. `readings` by column of the samples; `alarms` and `problems` are sentences that hold now."""
+
+    station: str
+    port: int
+    tool: str | None
+    condition: Condition
+    quality: str | None
+    row_age_s: float | None
+    readings: Mapping[str, Reading]
+    alarms: tuple[str, ...]
+    problems: tuple[str, ...]
+    coverage: Coverage
+    trace: Trace
+    joints: int | None = None  # found so far; None: not counted
+
+    def reading(self, column: str) -> Reading:
+        return self.readings.get(column, NOT_READ)
+
+    @property
+    def temperature(self) -> Reading:
+        return self.reading("temperature_c")
+
+    @property
+    def setpoint(self) -> Reading:
+        return self.reading("set_c")
+
+    @property
+    def power(self) -> Reading:
+        return self.reading("power_permille")
+
+    @property
+    def status(self) -> Reading:
+        return self.reading("status")
+
+
+@dataclass(frozen=True, slots=True)
+class StationState:
+    """A station. `outcome` is that of the manifest; `problems` are sentences that hold now."""
+
+    name: str
+    family: str
+    model: str | None
+    outcome: str
+    reason: str
+    rate_hz: float | None
+    recipe: str | None
+    problems: tuple[str, ...]
+    ports: tuple[PortState, ...]
+    settings: tuple[Setting, ...] = ()
+    counters: tuple[Counter, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class NumberedEvent:
+    """An event and its number in the run."""
+
+    seq: int
+    event: EventRow
+
+
+@dataclass(frozen=True, slots=True)
+class RunState:
+    """A run at one moment.
+
+    `text` explains the phase; `commit_age_s` is the time since the recorder last committed; `problems` concern the whole run;
+    `events` are the newest ones, oldest first. `is_whole`: everything since the run's begin was read.
+    """
+
+    folder: Path
+    phase: Phase
+    text: str
+    commit_age_s: float | None = None
+    line: str | None = None
+    operator: str | None = None
+    order: str | None = None
+    product: str | None = None
+    unit: str | None = None
+    started: str | None = None
+    ended: str | None = None
+    verdict: str | None = None
+    exit_status: str | None = None
+    stations: tuple[StationState, ...] = ()
+    problems: tuple[str, ...] = ()
+    events: tuple[NumberedEvent, ...] = field(default=(), repr=False)
+    is_whole: bool = False
+
+    @property
+    def ports(self) -> tuple[PortState, ...]:
+        return tuple(port for station in self.stations for port in station.ports)
+
+    def station(self, name: str) -> StationState | None:
+        return next((station for station in self.stations if station.name == name), None)

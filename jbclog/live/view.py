@@ -1,0 +1,184 @@
+"""Makes the state of a run from what its follower has read. The rules for what counts as known and as normal are here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from jbclog.core.rows import StationFacts
+from jbclog.core.states import StationOutcome
+from jbclog.live.event_history import EventHistory, SettingHistory
+from jbclog.live.heartbeat import Heartbeat
+from jbclog.live.sample_history import MAIN, Key, Last, Moment, PortHistory, SampleHistory
+from jbclog.live.states import NOT_READ, Condition, Coverage, Phase, PortState, Reading, RunState, StationState
+from jbclog.record.conclude import hot_warning
+from jbclog.record.manifest import Manifest
+
+STALE_PERIODS: Final = 2.0
+COMMIT_S: Final = 2.0  # from a reading to the moment in which a follower can see it, at the most
+NO_GRID_S: Final = 3.0  # the longest distance of two rows of a station that is read without a grid
+CLOCK_S: Final = 2.0  # a row that is this far in the future was written before the clock was set back
+FLAG: Final = "alarm_high"
+NOT_SUPPORTED: Final = Reading(why="not supported", is_stale=False)
+
+
+@dataclass(frozen=True, slots=True)
+class RunView:
+    """What a state is made from; `stations` with what the live store knows."""
+
+    folder: Path
+    manifest: Manifest | None
+    heartbeat: Heartbeat
+    stations: list[StationFacts]
+    samples: SampleHistory
+    events: EventHistory
+    settings: SettingHistory
+    damage: list[str]
+    dropped_rows: int
+    is_whole: bool
+
+    def state(self, phase: Phase, text: str) -> RunState:
+        manifest = self.manifest or Manifest(self.folder.name)
+        metadata = manifest.metadata
+        return RunState(
+            folder=self.folder,
+            phase=phase,
+            text=text,
+            commit_age_s=None if phase is Phase.FINALIZED else self.heartbeat.age_s,
+            line=None if manifest.line is None else manifest.line.name,
+            operator=metadata.operator,
+            order=metadata.order,
+            product=metadata.product,
+            unit=self.events.unit or (metadata.units[0] if len(metadata.units) == 1 else None),
+            started=manifest.started,
+            ended=manifest.ended,
+            verdict=manifest.verdict,
+            exit_status=manifest.exit_status,
+            stations=tuple(self._station(facts, phase) for facts in self.stations),
+            problems=tuple(self._problems(phase)),
+            events=tuple(self.events.newest),
+            is_whole=self.is_whole,
+        )
+
+    def _problems(self, phase: Phase) -> list[str]:
+        found = [*self.events.problems((None, None))]
+        if phase in (Phase.CRASHED, Phase.FINALIZED):
+            warning = hot_warning(self.folder, [facts.name for facts in self.stations if facts.unsafe])
+            found += [warning] if warning else []
+        if self.dropped_rows:
+            found.append(f"{self.dropped_rows} rows could not be stored.")
+        return found + [f"Damaged: {one}" for one in self.damage]
+
+    def _station(self, facts: StationFacts, phase: Phase) -> StationState:
+        ports = sorted({*facts.ports, *(port for name, port in self.samples.ports if name == facts.name)})
+        return StationState(
+            name=facts.name,
+            family=facts.family,
+            model=facts.model,
+            outcome=str(facts.outcome),
+            reason=facts.reason,
+            rate_hz=facts.rate_hz,
+            recipe=facts.recipe,
+            problems=self.events.problems((facts.name, None)),
+            ports=tuple(self._port(facts, port, phase) for port in ports),
+            settings=self.settings.settings(facts.name),
+            counters=self.settings.counters(facts.name),
+        )
+
+    def _port(self, facts: StationFacts, number: int, phase: Phase) -> PortState:
+        place = facts.name, number
+        history = self.samples.ports.get(place, PortHistory())
+        is_live = phase is Phase.RECORDING and facts.outcome == StationOutcome.RUNNING
+        ages = self._ages(facts)
+        readings = {column: ages.reading(history, column, is_live=is_live) for column in {*history.values, *history.failures}}
+        if facts.signals and MAIN not in facts.signals:
+            readings.setdefault(MAIN, NOT_SUPPORTED)
+        alarms = (*self.events.alarms((facts.name, None)), *self.events.alarms(place))
+        problems = (*self.events.problems((facts.name, None)), *self.events.problems(place), *self._flags(place, history))
+        row_age = None if history.newest is None else ages.age_s(history.newest.moment)
+        quality = None if history.newest is None else str(history.newest.value)
+        is_fresh = is_live and row_age is not None and row_age <= ages.limit_s
+        main = readings.get(MAIN, NOT_READ)
+        return PortState(
+            station=facts.name,
+            port=number,
+            tool=facts.tools.get(number),
+            condition=_condition(
+                facts, phase, main, quality, is_fresh=is_fresh, has_alarms=bool(alarms), has_problems=bool(problems)
+            ),
+            quality=quality,
+            row_age_s=row_age,
+            readings=readings,
+            alarms=alarms,
+            problems=problems,
+            coverage=Coverage(history.obtained + history.missing, history.obtained, self.is_whole),
+            trace=history.trace(),
+        )
+
+    def _flags(self, place: Key, history: PortHistory) -> tuple[str, ...]:
+        """An answer with the alarm flags that was lost, until the flags are read again."""
+        lost, read = self.events.flags_lost_at(place), history.values.get(FLAG)
+        is_lost = lost is not None and (read is None or read.moment.time <= lost)
+        return ("The last answer with the alarm flags was lost; they may have been set.",) if is_lost else ()
+
+    def _ages(self, facts: StationFacts) -> _Ages:
+        newest = [port.newest.moment for (name, _), port in self.samples.ports.items() if name == facts.name and port.newest]
+        return _Ages(self.heartbeat.recorder_us(), max(newest, default=None), facts.period_s)
+
+
+@dataclass(frozen=True, slots=True)
+class _Ages:
+    """The ages of a station's readings: of its newest row by the recorder's clock, of older ones by their ticks."""
+
+    recorder_us: float | None
+    newest: Moment | None
+    period_s: float | None
+
+    @property
+    def limit_s(self) -> float:
+        return COMMIT_S + (STALE_PERIODS * self.period_s if self.period_s else NO_GRID_S)
+
+    def age_s(self, moment: Moment) -> float | None:
+        """Return the age, None where the clock was set back and it is not known."""
+        if self.recorder_us is None or self.newest is None:
+            return None
+        newest_s = (self.recorder_us - self.newest.time) / 1e6
+        if newest_s < -CLOCK_S:
+            return None
+        before = (self.newest.tick - moment.tick) * self.period_s if self.period_s else (self.newest.time - moment.time) / 1e6
+        return max(newest_s, 0.0) + max(before, 0.0)
+
+    def reading(self, history: PortHistory, column: str, *, is_live: bool) -> Reading:
+        value, failure = history.values.get(column), history.failures.get(column)
+        is_failed = failure is not None and (value is None or failure.moment.tick > value.moment.tick)
+        age = None if value is None else self.age_s(value.moment)
+        is_old = not is_live or self._is_old(history.newest) or (column == MAIN and self._is_old(value))
+        return Reading(
+            None if value is None else value.value,  # type: ignore[arg-type]  # the schema has no other types
+            age,
+            str(failure.value) if failure is not None and is_failed else None,
+            is_old,
+        )
+
+    def _is_old(self, last: Last | None) -> bool:
+        age = None if last is None else self.age_s(last.moment)
+        return age is None or age > self.limit_s
+
+
+def _condition(
+    facts: StationFacts, phase: Phase, main: Reading, quality: str | None, *, is_fresh: bool, has_alarms: bool, has_problems: bool
+) -> Condition:
+    if facts.unsafe or facts.outcome not in (StationOutcome.RUNNING, StationOutcome.COMPLETED):
+        return Condition.FAILED
+    if facts.outcome == StationOutcome.COMPLETED:
+        return Condition.ENDED
+    if has_alarms:
+        return Condition.ALARM
+    if quality is None and phase in (Phase.STARTING, Phase.RECORDING):
+        return Condition.NOT_KNOWN
+    if not is_fresh:
+        return Condition.STALE
+    if main is not NOT_SUPPORTED and not main.is_known:
+        return Condition.STALE if main.is_stale else Condition.NOT_KNOWN
+    return Condition.NORMAL if quality == "ok" and not has_problems else Condition.ATTENTION
