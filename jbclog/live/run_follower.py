@@ -22,6 +22,7 @@ from jbclog.live.sample_history import SampleHistory
 from jbclog.live.states import Phase, RunState
 from jbclog.live.store_follower import Sealed, StoreFollower
 from jbclog.live.view import RunView
+from jbclog.record.batches import keep_pandas_out
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, read_manifest
 from jbclog.record.manifest import RunState as RecordState
@@ -47,6 +48,7 @@ class RunFollower:
 
     def __init__(self, folder: Path, clock: Clock | None = None) -> None:
         self.folder = folder
+        keep_pandas_out()
         self._clock = clock or SystemClock()
         self._heartbeat = Heartbeat(self._clock)
         self._manifest: Manifest | None = None
@@ -70,7 +72,6 @@ class RunFollower:
         status = commit_status(self.folder)
         self._heartbeat.see(status.since)
         try:
-            self._read_manifest()
             phase, _ = self._phase()
             self._read(status.last if phase in NOT_ALL_COMMITTED else None)
             phase, text = self._phase()
@@ -113,10 +114,11 @@ class RunFollower:
     def _phase(self) -> tuple[Phase, str]:
         if not self.folder.is_dir():
             return Phase.GONE, "The run's folder was removed."
-        if not self._is_recorder_alive():
-            self._read_manifest()  # after the lock: a run is sealed before its lock is released
-            if self._is_sealed:
-                return Phase.FINALIZED, "The run has ended and is finalized."
+        is_alive = self._is_recorder_alive()
+        self._read_manifest()  # after the lock: a run is sealed before its lock is released
+        if self._is_sealed:
+            return Phase.FINALIZED, "The run has ended and is finalized."
+        if not is_alive:
             if self._heartbeat.age_s is not None or self._heartbeat.waited_s >= STARTING_S or self._manifest is not None:
                 return Phase.CRASHED, CRASHED
             return Phase.STARTING, STARTING

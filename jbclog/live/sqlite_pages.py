@@ -77,13 +77,15 @@ class DatabasePages:
 
     def page(self, number: int) -> bytes:
         """Return a page, numbered from 1. Raises Malformed where it is missing."""
+        if number < 1:
+            raise Malformed(f"page {number} cannot exist")
         at = self._frames.get(number)
         if at is None:
             self._from_file.add(number)
             data = os.pread(self._file.fileno(), self._size, (number - 1) * self._size)
         else:
             data = os.pread(self._log.fileno(), self._size, at) if self._log else b""
-        if number < 1 or len(data) != self._size:
+        if len(data) != self._size:
             raise Malformed(f"page {number} is missing")
         return data
 

@@ -115,7 +115,6 @@ class PortState:
     problems: tuple[str, ...]
     coverage: Coverage
     trace: Trace
-    joints: int | None = None  # found so far; None: not counted
 
     def reading(self, column: str) -> Reading:
         return self.readings.get(column, NOT_READ)

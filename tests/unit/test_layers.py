@@ -95,6 +95,11 @@ def test_public_names_load_what_they_need_and_no_more() -> None:
     )
 
 
+def test_a_follower_is_light() -> None:
+    path = "import jbclog.live; jbclog.live.follow; import jbclog.live.run_follower"
+    assert loaded_by(path, *HEAVY, "scipy", "serial", "textual", "starlette", "jbclog.analysis.run") == set()
+
+
 def test_help_is_light() -> None:
     assert loaded_by("import jbclog.cli", *HEAVY, "numpy", "pyarrow", "pydantic", "serial", "sqlite3", "asyncio") == set()
 

@@ -8,7 +8,7 @@ import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
@@ -36,6 +36,8 @@ for commit in range(1, commits + 1):
     if commit % 50 == 0:
         db.execute("DELETE FROM t WHERE number > 1 AND number < ?", (number - 60,))
     db.execute("COMMIT")
+    if commit % 30 == 0:
+        sys.stdin.readline()  # the reader has seen a state since
 """
 
 
@@ -93,7 +95,7 @@ def test_a_row_is_found_by_its_number_and_rows_after_one(tmp_path: Path) -> None
             return [one.number for one in rows(pages, root, 2990)], [row(pages, root, n) is not None for n in (1, 2, 3, 3000, 3001)]
 
         with closing(DatabasePages(path)) as pages:
-            assert pages.snapshot(read) == ([2992 - 1, 2992, 2994, 2995, 2997, 2998], [True, True, False, False, False])
+            assert pages.snapshot(read) == ([2992, 2993, 2995, 2996, 2998, 2999], [True, True, False, False, False])
 
 
 def test_rolled_back_rows_are_not_seen(tmp_path: Path) -> None:
@@ -176,7 +178,8 @@ def test_each_state_is_one_that_was_committed(tmp_path: Path, commits: int, coun
     path = tmp_path / "t.sqlite"
     command = [sys.executable, "-c", WRITER, str(path), str(commits)]
     states = set()
-    with subprocess.Popen(command, stdout=subprocess.PIPE) as writer:
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0) as writer:
+        assert writer.stdin is not None
         assert writer.stdout is not None
         writer.stdout.readline()
         with closing(DatabasePages(path)) as pages:
@@ -186,6 +189,8 @@ def test_each_state_is_one_that_was_committed(tmp_path: Path, commits: int, coun
                 found = pages.snapshot(read_all)
                 expect_one_commit(found)
                 states.update(number for number, _ in found[-1:])
+                with suppress(BrokenPipeError):
+                    writer.stdin.write(b"\n")
     assert found[-1][1][1] == commits
     assert len(states) > 3
     counted(states=len(states), torn=0)

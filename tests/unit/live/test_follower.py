@@ -1,0 +1,501 @@
+"""What a follower knows of a run that is recorded by the real store: from any moment on, and never more than there is."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from jbclog.core.clock import SystemClock
+from jbclog.core.errors import RecordError
+from jbclog.core.locks import commit_status
+from jbclog.live import Condition, Follower, Phase, RunState, follow
+from jbclog.live.follower import current_run
+from jbclog.record.manifest import Manifest, write_manifest
+from support import program
+from support.records.live_rows import NAME, PERIOD_S, Recording
+
+WAIT_S = 60.0
+
+
+class LaterClock(SystemClock):
+    """The system's clock, ahead by so many seconds; `stepped_s`: by how much the wall clock alone was set."""
+
+    def __init__(self) -> None:
+        self.ahead_s = self.stepped_s = 0.0
+
+    def monotonic(self) -> float:  # type: ignore[override]  # a method in the place of a function
+        return SystemClock.monotonic() + self.ahead_s
+
+    def utc(self) -> float:  # type: ignore[override]
+        return SystemClock.utc() + self.ahead_s + self.stepped_s
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Iterator[Recording]:
+    made = Recording(tmp_path)
+    yield made
+    made.abandon()
+
+
+@pytest.fixture
+def clock() -> LaterClock:
+    return LaterClock()
+
+
+@pytest.fixture
+def follower(recording: Recording, clock: LaterClock) -> Iterator[Follower]:
+    with Follower(recording.folder, clock) as made:
+        yield made
+
+
+def polled(follower: Follower) -> RunState:
+    state = follower.poll()
+    assert state is not None
+    return state
+
+
+def whole(follower: Follower) -> RunState:
+    """The run when all of its rows were read."""
+    end = time.monotonic() + WAIT_S
+    while not (state := polled(follower)).is_whole:
+        assert time.monotonic() < end
+    return state
+
+
+# -- a moment --------------------------------------------------------------------------------------------------------------
+
+
+def test_a_run_as_it_is_recorded(recording: Recording, follower: Follower) -> None:
+    recording.rows(30)
+    recording.rows(1, temperature_c=347, power_permille=250)
+    recording.event("unit.begin", "unit SN-1", station=None, raw="SN-1")
+    recording.setting("temperature_select_c", "350")
+    recording.counter("work_h", 12.5)
+    recording.commit()
+    run = whole(follower)
+    assert (run.phase, run.line, run.order, run.operator, run.unit) == (Phase.RECORDING, "bench", "88123", "A. Rossi", "SN-1")
+    (station,) = run.stations
+    assert (station.name, station.outcome, station.rate_hz) == (NAME, "running", 10.0)
+    assert [(one.name, one.value) for one in station.settings] == [("temperature_select_c", "350")]
+    assert [(one.name, one.value) for one in station.counters] == [("work_h", 12.5)]
+    assert [port.port for port in run.ports] == [1, 2]
+    port = run.ports[0]
+    assert port.condition is Condition.NORMAL
+    assert (port.temperature.value, port.setpoint.value, port.power.value, port.status.value) == (347, 350, 250, "working")
+    assert port.temperature.is_known
+    assert port.temperature.age_s is not None
+    assert port.temperature.age_s < 2
+    assert (port.coverage.due, port.coverage.obtained, port.coverage.is_whole) == (31, 31, True)
+    assert port.trace.temperature_c == (350,) * 30 + (347,)
+    assert port.trace.seconds[-3:] == (-0.2, -0.1, 0)
+    assert [one.event.kind for one in run.events] == ["unit.begin"]
+
+
+def test_only_what_is_committed_is_shown(recording: Recording) -> None:
+    """The number in the lock follows the commit; what the file has beyond it may not be on the disk yet."""
+    recording.rows(1, temperature_c=300)
+    recording.commit()
+    recording.store._ending = True  # its thread does not write the lock again
+    recording.store._thread.join()
+    first = commit_status(recording.folder)
+    recording.rows(1, temperature_c=320)
+    recording.commit()
+    second = commit_status(recording.folder)
+    with Follower(recording.folder) as follower:
+        recording.store.lock.write_status(first)
+        assert polled(follower).ports[0].temperature.value == 300
+        recording.store.lock.write_status(second)
+        assert polled(follower).ports[0].temperature.value == 320
+
+
+def test_a_reading_that_failed_is_not_known(recording: Recording, follower: Follower) -> None:
+    recording.rows(5)
+    lost = {"temperature_c": None, "quality": "timeout", "reasons": "temperature_c=timeout;power_permille=timeout"}
+    recording.rows(1, **lost, power_permille=None)
+    recording.commit()
+    port = whole(follower).ports[0]
+    assert port.condition is Condition.NOT_KNOWN
+    assert (port.temperature.value, port.temperature.why, port.temperature.is_known) == (350, "timeout", False)
+    assert (port.setpoint.value, port.setpoint.is_known) == (350, True)
+    assert (port.coverage.due, port.coverage.obtained) == (6, 5)
+    assert port.trace.temperature_c[-1] is None
+    recording.rows(1)
+    recording.commit()
+    assert polled(follower).ports[0].condition is Condition.NORMAL
+
+
+def test_an_old_reading_is_stale(recording: Recording, follower: Follower, clock: LaterClock) -> None:
+    """The recorder goes on to commit, and one of two ports has no rows any more."""
+    recording.rows(5)
+    recording.commit()
+    assert [port.condition for port in polled(follower).ports] == [Condition.NORMAL] * 2
+    first = recording.ports
+    recording.ports = (1,)
+    for _ in range(round(3 / PERIOD_S)):
+        recording.store.sample(recording.row(1, recording.began_us))
+        recording.tick += 1
+    recording.rows(1)
+    recording.commit()
+    recording.ports = first
+    one, two = polled(follower).ports
+    assert (one.condition, two.condition) == (Condition.NORMAL, Condition.STALE)
+    assert two.temperature.value == 350
+    assert not two.temperature.is_known
+    assert two.temperature.age_s == pytest.approx(3.1, abs=1.5)
+
+
+def test_without_a_commit_nothing_looks_well(recording: Recording, follower: Follower, clock: LaterClock) -> None:
+    recording.rows(5)
+    recording.commit()
+    assert polled(follower).phase is Phase.RECORDING
+    recording.store._ending = True  # its thread ends, as where the disk hangs: the lock is held and not renewed
+    recording.store._thread.join()
+    polled(follower)
+    clock.ahead_s = 10.0
+    run = polled(follower)
+    assert run.phase is Phase.DELAYED
+    assert run.commit_age_s == pytest.approx(10, abs=5)
+    assert [port.condition for port in run.ports] == [Condition.STALE] * 2
+    assert not any(reading.is_known for port in run.ports for reading in port.readings.values())
+
+
+def test_a_clock_that_is_set_back_makes_nothing_look_fresh(recording: Recording, follower: Follower, clock: LaterClock) -> None:
+    recording.store.sample(recording.row(1, recording.began_us + 3_600_000_000))  # an hour ahead
+    recording.commit()
+    port = polled(follower).ports[0]
+    assert (port.temperature.value, port.temperature.age_s, port.temperature.is_known) == (350, None, False)
+    assert port.condition is Condition.STALE
+
+
+@pytest.mark.parametrize("stepped_s", [-3600.0, 3600.0])
+def test_a_clock_of_the_follower_that_is_set_changes_no_age(
+    recording: Recording, follower: Follower, clock: LaterClock, stepped_s: float
+) -> None:
+    recording.rows(5)
+    recording.commit()
+    polled(follower)
+    clock.stepped_s = stepped_s
+    time.sleep(1.0)
+    recording.rows(1)
+    recording.commit()
+    port = polled(follower).ports[0]
+    assert port.temperature.is_known
+    assert port.temperature.age_s is not None
+    assert port.temperature.age_s < 2
+
+
+def test_alarms_and_problems_hold_until_their_end(recording: Recording, follower: Follower) -> None:
+    recording.rows(3)
+    recording.event("alarm.high", "above 380 °C", 1)
+    recording.event("link.lost", "cable unplugged")
+    recording.commit()
+    one, two = whole(follower).ports
+    assert (one.condition, one.alarms, two.alarms) == (Condition.ALARM, ("above 380 °C",), ())
+    assert (two.condition, two.problems) == (Condition.ATTENTION, ("cable unplugged",))
+    recording.event("alarm.high.ended", "back", 1)
+    recording.event("link.back", "back")
+    recording.rows(1)
+    recording.commit()
+    assert [port.condition for port in polled(follower).ports] == [Condition.NORMAL] * 2
+
+
+def test_lost_alarm_flags_are_a_problem_until_they_are_read(recording: Recording, follower: Follower) -> None:
+    recording.rows(1, alarm_high=False, alarm_low=False)
+    recording.event("alarm.unknown", "lost", 1)
+    recording.rows(1)
+    recording.commit()
+    assert [port.condition for port in polled(follower).ports] == [Condition.ATTENTION, Condition.NORMAL]
+    recording.rows(1, alarm_high=False, alarm_low=False)
+    recording.commit()
+    assert [port.condition for port in polled(follower).ports] == [Condition.NORMAL] * 2
+
+
+def test_a_tool_that_is_not_safe_is_a_failure(recording: Recording, follower: Follower) -> None:
+    recording.rows(1)
+    recording.facts.unsafe = ["dde-1 port 1: not confirmed"]
+    recording.store.facts(recording.facts)
+    recording.commit()
+    assert {port.condition for port in polled(follower).ports} == {Condition.FAILED}
+
+
+def test_a_station_without_rows_is_not_known(recording: Recording, follower: Follower) -> None:
+    recording.commit()
+    assert {port.condition for port in polled(follower).ports} == {Condition.NOT_KNOWN}
+
+
+def test_a_damaged_batch_is_named_and_the_others_are_shown(recording: Recording) -> None:
+    recording.rows(3, temperature_c=300)
+    recording.commit()
+    recording.rows(3, temperature_c=320)
+    recording.commit()
+    recording.close()
+    path = recording.folder / "live.sqlite"
+    data = bytearray(path.read_bytes())
+    at = data.index(b"samples") + 200
+    data[at] ^= 1
+    path.write_bytes(data)
+    with Follower(recording.folder) as follower:
+        run = whole(follower)
+    assert len([text for text in run.problems if text.startswith("Damaged: ")]) == 1
+    assert run.ports[0].coverage.due == 3
+
+
+# -- from the beginning to the end -----------------------------------------------------------------------------------------
+
+
+def test_a_run_is_finalized_while_it_is_watched(recording: Recording, follower: Follower) -> None:
+    recording.rows(20)
+    recording.commit()
+    assert whole(follower).ports[0].coverage.due == 20
+    recording.rows(15, temperature_c=345)
+    recording.event("run.end", "ended", station=None)
+    recording.close()
+    assert polled(follower).phase is Phase.FINALIZING
+    recording.finalize()
+    run = whole(follower)
+    assert (run.phase, run.verdict, run.exit_status) == (Phase.FINALIZED, "ACCEPT", "success")
+    port = run.ports[0]
+    assert (port.condition, port.coverage.due, port.temperature.value) == (Condition.ENDED, 35, 345)
+    assert not port.temperature.is_known  # nobody reads it any more
+    assert [one.event.kind for one in run.events] == ["run.end"]
+    again = polled(follower)
+    assert (again.events, again.ports[0].coverage) == (run.events, port.coverage)
+
+
+def test_hourly_sealing_changes_nothing(recording: Recording, follower: Follower) -> None:
+    for _ in range(3):
+        recording.rows(10)
+        recording.event("host.busy", "late")
+        recording.commit()
+        before = whole(follower)
+        recording.seal_part()
+        run = whole(follower)
+        assert [port.coverage for port in run.ports] == [port.coverage for port in before.ports]
+        assert len(run.events) == len(before.events)
+        with Follower(recording.folder) as late:
+            assert [port.coverage for port in whole(late).ports] == [port.coverage for port in before.ports]
+    assert run.ports[0].coverage.due == 30
+    assert len(run.events) == 3
+
+
+def test_a_follower_that_was_stopped_over_a_sealing_misses_nothing(recording: Recording, follower: Follower) -> None:
+    recording.rows(10)
+    recording.commit()
+    whole(follower)
+    for _ in range(2):
+        recording.rows(10)
+        recording.event("host.busy", "late")
+        recording.seal_part()
+    recording.rows(10)
+    recording.commit()
+    run = whole(follower)
+    assert run.ports[0].coverage.due == 40
+    assert len(run.events) == 2
+
+
+def test_long_runs_are_read_in_pieces(recording: Recording, clock: LaterClock) -> None:
+    for _ in range(150):
+        recording.rows(2)
+        recording.commit()
+    recording.seal_part()
+    for _ in range(120):
+        recording.rows(1)
+        recording.commit()
+    with Follower(recording.folder, clock) as follower:
+        first = polled(follower)
+        assert first.ports[0].temperature.value == 350
+        run = whole(follower)
+    assert run.ports[0].coverage.due == 420
+    assert run.ports[0].coverage.is_whole
+
+
+def test_a_killed_recorder_is_seen_as_such(tmp_path: Path) -> None:
+    with recorder(tmp_path) as process, Follower(tmp_path) as follower:
+        wait_for(follower, Phase.RECORDING)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        run = wait_for(follower, Phase.CRASHED)
+        assert "without finalizing" in run.text
+        assert {port.condition for port in run.ports} == {Condition.STALE}
+        assert not any(reading.is_known for port in run.ports for reading in port.readings.values())
+        with Follower(tmp_path) as late:
+            assert polled(late).phase is Phase.CRASHED
+
+
+def test_a_new_run_takes_the_place_of_the_last(tmp_path: Path) -> None:
+    first = Recording(tmp_path)
+    first.rows(3)
+    first.commit()
+    with Follower(tmp_path) as follower:
+        assert polled(follower).folder == first.folder
+        first.finalize()
+        assert polled(follower).phase is Phase.FINALIZED
+        second = Recording(tmp_path, began_us=first.began_us + 60_000_000)
+        second.rows(1)
+        second.commit()
+        run = polled(follower)
+        assert (run.folder, run.phase, run.ports[0].coverage.due) == (second.folder, Phase.RECORDING, 1)
+    second.abandon()
+
+
+def test_a_run_that_is_recorded_comes_before_a_newer_one_that_ended(tmp_path: Path) -> None:
+    long = Recording(tmp_path)
+    long.rows(1)
+    long.commit()
+    short = Recording(tmp_path, began_us=long.began_us + 60_000_000)
+    short.finalize()
+    assert current_run(tmp_path) == long.folder
+    long.abandon()
+
+
+def test_a_folder_without_a_run(tmp_path: Path) -> None:
+    (tmp_path / "notes").mkdir()
+    with follow(tmp_path) as follower:
+        assert follower.poll() is None
+        recording = Recording(tmp_path)
+        recording.commit()
+        assert polled(follower).folder == recording.folder
+        recording.abandon()
+
+
+def test_no_folder(tmp_path: Path) -> None:
+    with pytest.raises(RecordError, match="does not exist"):
+        follow(tmp_path / "runs")
+
+
+def test_a_folder_that_is_removed(recording: Recording, follower: Follower) -> None:
+    recording.rows(1)
+    recording.commit()
+    polled(follower)
+    shutil.rmtree(recording.folder)
+    run = polled(follower)
+    assert run.phase is Phase.GONE
+    assert {port.condition for port in run.ports} == {Condition.STALE}
+
+
+def test_a_run_of_a_newer_jbclog_is_not_read(recording: Recording, follower: Follower) -> None:
+    recording.rows(1)
+    recording.commit()
+    write_manifest(recording.folder, Manifest(recording.folder.name, schema=99))
+    run = polled(follower)
+    assert run.phase is Phase.UNREADABLE
+    assert "written with schema 99" in run.text
+
+
+# -- the recorder does not notice ------------------------------------------------------------------------------------------
+
+
+class recorder:  # noqa: N801  # used as a function
+    """A recorder in a process of its own."""
+
+    def __init__(self, out: Path) -> None:
+        self._out = out
+
+    def __enter__(self) -> subprocess.Popen[str]:
+        self._process = subprocess.Popen(program("records.live_rows", self._out), stdout=subprocess.PIPE, text=True)
+        assert self._process.stdout is not None
+        self.folder = self._out / self._process.stdout.readline().strip()
+        return self._process
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+
+def wait_for(follower: Follower, phase: Phase) -> RunState:
+    end = time.monotonic() + WAIT_S
+    while (state := follower.poll()) is None or state.phase is not phase or not state.ports:
+        assert time.monotonic() < end, state
+        time.sleep(0.1)
+    return state
+
+
+def open_files(folder: Path) -> set[str]:
+    """The descriptors of this process that lead to files of a folder."""
+    found = set()
+    for path in Path("/proc/self/fd").iterdir():
+        with suppress(FileNotFoundError):
+            found |= {path.name} if path.readlink().parent == folder else set()
+    return found
+
+
+def test_files_are_opened_for_reading_only_and_without_a_lock(recording: Recording, follower: Follower) -> None:
+    recording.rows(5)
+    recording.commit()
+    before = {path: path.stat().st_mtime_ns for path in recording.folder.iterdir() if path.name != "live.lock"}
+    known = open_files(recording.folder)
+    whole(follower)
+    infos = [Path(f"/proc/self/fdinfo/{name}").read_text() for name in open_files(recording.folder) - known]
+    assert len(infos) >= 2  # the store and its log
+    for info in infos:
+        flags = next(line for line in info.splitlines() if line.startswith("flags:"))
+        assert int(flags.split()[1], 8) & os.O_ACCMODE == os.O_RDONLY
+        assert "lock:" not in info
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    assert {path.name for path in recording.folder.iterdir()} == {path.name for path in before} | {"live.lock"}
+
+
+STOPPED = """
+import os, signal, sys
+from jbclog.live import follow, sqlite_rows
+plain = sqlite_rows.roots
+def stopping(pages):
+    print("reading", flush=True)
+    os.kill(os.getpid(), signal.SIGSTOP)
+    return plain(pages)
+import jbclog.live.store_follower as module
+module.roots = stopping
+follow(sys.argv[1]).poll()
+"""
+LOCKING = """
+import os, signal, sys
+from pathlib import Path
+from jbclog.record.store_reader import StoreReader
+with StoreReader(Path(sys.argv[1])):
+    print("reading", flush=True)
+    os.kill(os.getpid(), signal.SIGSTOP)
+"""
+
+
+@pytest.mark.parametrize(("code", "grows"), [(STOPPED, False), (LOCKING, True)], ids=["follower", "reader with a lock"])
+def test_the_log_stays_bounded_while_a_follower_is_stopped_in_the_middle_of_a_read(
+    recording: Recording, code: str, *, grows: bool
+) -> None:
+    recording.rows(1)
+    recording.commit()
+    with subprocess.Popen([sys.executable, "-c", code, str(recording.folder)], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "reading\n"
+        for _ in range(250):
+            recording.rows(1, reasons=secrets.token_hex(50_000))
+            recording.commit()
+        size = (recording.folder / "live.sqlite-wal").stat().st_size
+        process.kill()
+    assert (size > 6 << 20) == grows, size
+
+
+def test_a_user_without_write_permission_can_follow(recording: Recording) -> None:
+    if os.geteuid() != 0:
+        pytest.skip("needs root, to become somebody else")
+    recording.rows(5)
+    recording.commit()
+    for folder in (recording.folder, *list(recording.folder.parents)[:3]):
+        folder.chmod(0o755)
+    child = os.fork()
+    if child == 0:
+        os.setgid(65_534)
+        os.setuid(65_534)
+        with suppress(BaseException), Follower(recording.folder) as follower:
+            os._exit(0 if polled(follower).ports[0].condition is Condition.NORMAL else 3)
+        os._exit(4)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
