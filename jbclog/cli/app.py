@@ -35,6 +35,7 @@ from jbclog.cli.sim import sim
 from jbclog.cli.streams import make_usable
 from jbclog.cli.trend import trend
 from jbclog.cli.verify import verify
+from jbclog.cli.watch import watch
 from jbclog.cli.where_used import where_used
 from jbclog.cli.write import write
 from jbclog.core.outcome import Exit
@@ -68,7 +69,7 @@ def _main(
 
 
 COMMANDS: Final = {
-    RECORD: (demo, plan, run, batch, safe, recover, replay),
+    RECORD: (demo, plan, run, watch, batch, safe, recover, replay),
     STATIONS: (init, sim, scan, doctor, read, write),
     ANALYSE: (runs, report, check, alarms, annotate, compare, trend, chart, limits),
     MAINTAIN: (verify, where_used, audit, maintenance),

@@ -1,0 +1,4 @@
+"""Shows a run while it is recorded: in the terminal (`terminal.py`) and as a page (`page.py`). Both read through `jbclog.live`.
+
+`words.py` has the texts that both show.
+"""

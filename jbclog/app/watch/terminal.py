@@ -1,0 +1,199 @@
+"""The live view in the terminal: a tile for each port, the events below, a station in detail. By Textual."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar, Final
+
+from textual.app import App, ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import ItemGrid, VerticalScroll
+from textual.content import Content
+from textual.screen import Screen
+from textual.widgets import Footer, Static
+
+from jbclog.app.watch import words
+from jbclog.core.errors import JbclogError
+from jbclog.core.rows import Severity
+from jbclog.core.text import clean
+from jbclog.live import PortState, RunState, StationState
+
+EVERY_S: Final = 0.5
+TILE: Final = 38  # columns
+SHOWN_EVENTS: Final = 200
+PLOT_LINES: Final = 8
+
+Source = Callable[[], RunState | None]
+
+
+class Tile(Static, can_focus=True):
+    """A port. Enter opens its station."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "open", "details")]
+
+    def __init__(self, port: PortState) -> None:
+        super().__init__()
+        self.port = port
+        self.border_title = Content(words.port_name(port))
+
+    def show(self, port: PortState) -> None:
+        self.port = port
+        self.border_title = Content(words.port_name(port))
+        self.border_subtitle = Content(str(port.condition).upper())
+        self.set_classes(str(port.condition).replace(" ", "-"))
+        self.update(Content("\n".join(words.port_lines(port, max(self.size.width, 1)))))
+
+    def on_resize(self) -> None:
+        self.show(self.port)
+
+    def action_open(self) -> None:
+        self.app.push_screen(StationScreen(self.port.station))
+
+
+class StationScreen(Screen[None]):
+    """A station in detail: its ports with the last minute, settings and counters."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "app.pop_screen", "back")]
+
+    def __init__(self, station: str) -> None:
+        super().__init__()
+        self.station = station
+
+    def compose(self) -> ComposeResult:
+        yield Static(id="head")
+        with VerticalScroll():
+            yield Static(id="ports")
+            yield Static(id="settings")
+            yield Static(id="counters")
+        yield Footer()
+
+    def on_mount(self) -> None:
+        self.show()
+
+    def on_screen_resume(self) -> None:
+        self.show()
+
+    def show(self) -> None:
+        """Show the station as the app has it."""
+        run = self.app.run_state if isinstance(self.app, WatchApp) else None
+        station = None if run is None else run.station(self.station)
+        if run is None or station is None or not self.is_mounted:
+            return
+        self.query_one("#head", Static).update(Content(f"{words.run_line(run)}\n{_station_line(station)}"))
+        width = max(self.size.width - 4, 10)
+        self.query_one("#ports", Static).update(Content("\n\n".join(_port_text(port, width) for port in station.ports)))
+        self._show_table("#settings", words.setting_lines(station))
+        self._show_table("#counters", words.counter_lines(station))
+
+    def _show_table(self, place: str, lines: list[str]) -> None:
+        table = self.query_one(place, Static)
+        table.display = bool(lines)
+        table.update(Content("\n".join(lines)))
+
+
+class WatchApp(App[None]):
+    """Shows what `source` returns, twice a second."""
+
+    TITLE = "jbclog watch"
+    ENABLE_COMMAND_PALETTE = False
+    CSS = """
+    #head { height: auto; max-height: 6; padding: 0 1; text-style: bold; }
+    #tiles { height: auto; grid-gutter: 0 1; }
+    #events { height: 9; border-top: solid $foreground; border-title-align: left; padding: 0 1; }
+    Tile { height: auto; min-height: 7; border: round $foreground; padding: 0 1; }
+    Tile:focus { border: heavy $foreground; }
+    Tile.alarm, Tile.failed { border: double $error; color: $text-error; }
+    Tile.stale, Tile.not-known { border: dashed $warning; color: $text-warning; }
+    Tile.attention { border: round $warning; }
+    Tile.normal { border: round $success; }
+    #ports, #settings, #counters { height: auto; padding: 0 1; margin: 0 0 1 0; }
+    #settings, #counters { text-wrap: nowrap; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("q", "quit", "quit"),
+        Binding("s", "severity", "severity"),
+    ]
+
+    def __init__(self, source: Source, every_s: float | None = EVERY_S) -> None:
+        super().__init__()
+        self.run_state: RunState | None = None
+        self.severity = Severity.INFO
+        self._source, self._every_s = source, every_s
+        self._trouble = ""
+
+    def compose(self) -> ComposeResult:
+        yield Static(words.NO_RUN, id="head")
+        with VerticalScroll(can_focus=False):
+            yield ItemGrid(id="tiles", min_column_width=TILE)
+        yield Static(id="events")
+        yield Footer()
+
+    def on_mount(self) -> None:
+        self._show_events()
+        if self._every_s is not None:
+            self._read_in_thread()
+            self.set_interval(self._every_s, self._read_in_thread)
+
+    def _read_in_thread(self) -> None:
+        if all(worker.is_finished for worker in self.workers):  # a slow disk must not queue reads
+            self.run_worker(self._read, thread=True)
+
+    def _read(self) -> None:
+        try:
+            state = self._source()
+        except JbclogError as error:
+            self.call_from_thread(self._show_trouble, str(error))
+        else:
+            if state is not None:
+                self.call_from_thread(self.show, state)
+
+    def show(self, run: RunState) -> None:
+        """Show a run."""
+        self.run_state = run
+        base = self.screen_stack[0]
+        base.query_one("#head", Static).update(Content(f"{words.run_line(run)}\n{words.status_line(run)}"))
+        self._show_tiles(base.query_one("#tiles", ItemGrid), run.ports)
+        self._show_events()
+        if isinstance(self.screen, StationScreen):
+            self.screen.show()
+
+    def _show_tiles(self, grid: ItemGrid, ports: tuple[PortState, ...]) -> None:
+        tiles = list(grid.query_children(Tile))
+        for tile, port in zip(tiles, ports, strict=False):
+            tile.show(port)
+        for tile in tiles[len(ports) :]:
+            tile.remove()
+        new = [Tile(port) for port in ports[len(tiles) :]]
+        if new:
+            grid.mount_all(new)
+            if not tiles:
+                self.call_after_refresh(new[0].focus)
+
+    def _show_events(self) -> None:
+        events = self.screen_stack[0].query_one("#events", Static)
+        events.border_title = Content(f"events from {self.severity} · times in {words.zone_text()}")
+        known = () if self.run_state is None else self.run_state.events
+        shown = [words.event_line(one) for one in known if words.at_least(self.severity, one)][-SHOWN_EVENTS:]
+        lines = max(events.size.height, 1)
+        events.update(Content("\n".join(shown[-lines:]) or "no event"))
+
+    def _show_trouble(self, text: str) -> None:
+        self.screen_stack[0].query_one("#head", Static).update(Content(clean(text)))
+
+    def action_severity(self) -> None:
+        """Show events from the next severity on."""
+        self.severity = words.SEVERITIES[(words.SEVERITIES.index(self.severity) + 1) % len(words.SEVERITIES)]
+        self._show_events()
+
+
+def _station_line(station: StationState) -> str:
+    rate = "rate unknown" if station.rate_hz is None else f"{station.rate_hz:g} Hz"
+    facts = [station.name, station.family, station.model or "model unknown", rate, station.outcome, station.reason]
+    return " · ".join(clean(text) for text in facts if text)
+
+
+def _port_text(port: PortState, width: int) -> str:
+    """A port with the plot of its last minute."""
+    lines = words.port_lines(port, width)
+    lines[3:4] = words.plot(port.trace, width, PLOT_LINES)
+    return "\n".join([f"{words.port_name(port)}: {str(port.condition).upper()}", *lines])

@@ -1,0 +1,198 @@
+"""Texts of the live view, the same in the terminal and on the page. A value that is not known never reads like one that is."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Final
+
+from jbclog.core.rows import Severity
+from jbclog.core.text import clean
+from jbclog.live import (
+    Condition,
+    Counter,
+    Coverage,
+    NumberedEvent,
+    Phase,
+    PortState,
+    Reading,
+    RunState,
+    StationState,
+    Trace,
+)
+from jbclog.live.sample_history import TRACE_S
+
+SEVERITIES: Final = (Severity.INFO, Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
+BLOCKS: Final = "▁▂▃▄▅▆▇█"
+SPAN_C: Final = 5.0  # the least range of a sparkline, so that noise does not look like a change
+LABEL: Final = 8  # columns of the labels of a plot
+NO_RUN: Final = "no run yet"
+WORST: Final = tuple(Condition)
+
+
+def age_text(seconds: float | None) -> str:
+    """``0.3 s``, ``12 s``, ``5 min``, ``3 h``."""
+    if seconds is None:
+        return "unknown age"
+    for limit, size, unit in ((10, 1, "s"), (120, 1, "s"), (7200, 60, "min")):
+        if seconds < limit:
+            return f"{seconds / size:.1f} {unit}" if limit == 10 else f"{seconds / size:.0f} {unit}"
+    return f"{seconds / 3600:.0f} h"
+
+
+def reading_text(reading: Reading, unit: str = "") -> str:
+    """``350 °C``, or ``unknown (timeout; last 350 °C, 12 s ago)``."""
+    value = clean(f"{reading.value} {unit}".rstrip())
+    if reading.is_known:
+        return value
+    if reading.value is None:
+        return reading.why if reading.why == "not supported" else f"unknown ({clean(reading.why or 'not read yet')})"
+    return f"unknown ({clean(reading.why or 'stale')}; last {value}, {age_text(reading.age_s)} ago)"
+
+
+def power_text(reading: Reading) -> str:
+    """The power in percent."""
+    if not isinstance(reading.value, int | float):
+        return reading_text(reading)
+    return reading_text(Reading(round(reading.value / 10), reading.age_s, reading.why, reading.is_stale), "%")
+
+
+def coverage_text(coverage: Coverage) -> str:
+    """``99.8 % of 1200``; without a share where nothing was due."""
+    if coverage.share is None:
+        return "coverage unknown"
+    share = f"{100 * coverage.share:.1f}" if coverage.obtained == coverage.due else f"{min(100 * coverage.share, 99.9):.1f}"
+    return f"coverage {share} % of {coverage.due}" + ("" if coverage.is_whole else ", still counting")
+
+
+def port_name(port: PortState) -> str:
+    tool = f" {port.tool}" if port.tool else ""
+    return clean(f"{port.station} port {port.port}{tool}")
+
+
+def port_lines(port: PortState, width: int) -> list[str]:
+    """The lines of a tile below its name: readings, the last minute, age and coverage, what is wrong."""
+    lines = [f"now {reading_text(port.temperature, '°C')}", f"set {reading_text(port.setpoint, '°C')}"]
+    lines += [f"power {power_text(port.power)} · {reading_text(port.status)}"]
+    lines += [sparkline(port.trace, width)]
+    lines += [f"row {age_text(port.row_age_s)} ago · {coverage_text(port.coverage)}"]
+    return lines + [f"! {clean(text)}" for text in (*port.alarms, *port.problems)]
+
+
+def run_line(run: RunState) -> str:
+    """The run in one line: its name, phase, order and unit."""
+    facts = {"order": run.order, "product": run.product, "unit": run.unit, "operator": run.operator}
+    known = [f"{name} {clean(text)}" for name, text in facts.items() if text]
+    verdict = [f"verdict {run.verdict}"] if run.verdict else []
+    return " · ".join([clean(run.folder.name), run.phase.upper(), *known, *verdict])
+
+
+def worst(run: RunState) -> Condition | None:
+    """Return the worst condition of the run's ports; None without ports."""
+    return min((port.condition for port in run.ports), key=WORST.index, default=None)
+
+
+def status_line(run: RunState) -> str:
+    """Counts of ports by condition, the worst first, and what holds for the whole run."""
+    conditions = [port.condition for port in run.ports]
+    counts = [f"{conditions.count(one)} {one}" for one in WORST if one in conditions]
+    text = [] if run.phase is Phase.RECORDING else [run.text]
+    return " · ".join([", ".join(counts) or "no port yet", *text, *map(clean, run.problems)])
+
+
+def event_line(numbered: NumberedEvent) -> str:
+    """An event in one line: local time, severity, place, text."""
+    event = numbered.event
+    moment = time.strftime("%H:%M:%S", time.localtime(event.time // 1_000_000))
+    text = event.text.removeprefix(f"{event.station}: ")
+    place = "run" if event.station is None else event.station if event.port is None else f"{event.station} port {event.port}"
+    return clean(f"{moment}  {event.severity.value:8}  {place}: {text}")
+
+
+def setting_lines(station: StationState) -> list[str]:
+    """The settings of a station as a table; no lines where none was read."""
+    rows = [(one.name, _cell(one.port), _cell(one.tool), one.value or "unknown", one.unit, one.outcome) for one in station.settings]
+    return _table(("setting", "port", "tool", "value", "unit", "outcome"), rows)
+
+
+def counter_lines(station: StationState) -> list[str]:
+    """The counters of a station as a table; no lines where none was read."""
+    rows = [(one.name, _cell(one.port), _number(one), one.unit) for one in station.counters]
+    return _table(("counter", "port", "value", "unit"), rows)
+
+
+def _number(counter: Counter) -> str:
+    return f"unknown ({counter.raw.strip('<>')})" if counter.value is None else f"{counter.value:g}"
+
+
+def _cell(value: object) -> str:
+    return "" if value is None else str(value)
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    lines = [heads, *([clean(cell) for cell in row] for row in rows)] if rows else []
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines]
+
+
+def zone_text() -> str:
+    """The zone of the times that are shown."""
+    return time.strftime("%Z (UTC%z)")
+
+
+def at_least(severity: Severity, event: NumberedEvent) -> bool:
+    return SEVERITIES.index(event.event.severity) >= SEVERITIES.index(severity)
+
+
+def sparkline(trace: Trace, width: int) -> str:
+    """Draw the temperature of the last minute as blocks, the newest at the right; a stretch without a reading is blank."""
+    means = _means(trace, width)
+    low, high = _range(means)
+    return "".join(" " if mean is None else BLOCKS[round((mean - low) / (high - low) * (len(BLOCKS) - 1))] for mean in means)
+
+
+def plot(trace: Trace, width: int, height: int) -> list[str]:
+    """Draw the temperature of the last minute in lines of blocks, with its range at the left and its time below."""
+    means = _means(trace, width - LABEL)
+    if not any(mean is not None for mean in means):
+        return ["no reading in the last minute"]
+    low, high = _range(means)
+    steps = [None if mean is None else 1 + round((mean - low) / (high - low) * (height * len(BLOCKS) - 1)) for mean in means]
+    lines = []
+    for line in reversed(range(height)):
+        label = f"{high:.0f} °C" if line == height - 1 else f"{low:.0f} °C" if line == 0 else ""
+        lines.append(f"{label:>{LABEL - 1}} " + "".join(_block(step, line) for step in steps))
+    seconds = f"-{TRACE_S:.0f} s"
+    return [*lines, " " * LABEL + seconds + "now".rjust(max(width - LABEL - len(seconds), 4))]
+
+
+def _block(step: int | None, line: int) -> str:
+    filled = 0 if step is None else min(step - line * len(BLOCKS), len(BLOCKS))
+    return " " if filled < 1 else BLOCKS[filled - 1]
+
+
+def _means(trace: Trace, width: int) -> list[float | None]:
+    """Return the mean temperature of each of `width` stretches of the last minute."""
+    stretches: list[list[float]] = [[] for _ in range(max(width, 1))]
+    for seconds, value in zip(trace.seconds, trace.temperature_c, strict=True):
+        if value is not None:
+            place = int((seconds + TRACE_S) / TRACE_S * len(stretches))
+            stretches[min(max(place, 0), len(stretches) - 1)].append(value)
+    means = [sum(values) / len(values) if values else None for values in stretches]
+    return _without_thin_gaps(means, trace)
+
+
+def _without_thin_gaps(means: list[float | None], trace: Trace) -> list[float | None]:
+    """Fill stretches that are blank only because they are shorter than the distance of two rows."""
+    rows = {min(max(int((seconds + TRACE_S) / TRACE_S * len(means)), 0), len(means) - 1) for seconds in trace.seconds}
+    first = min(rows, default=len(means))
+    filled: list[float | None] = []
+    for place, mean in enumerate(means):
+        filled.append(filled[-1] if mean is None and place > first and place not in rows else mean)
+    return filled
+
+
+def _range(means: Sequence[float | None]) -> tuple[float, float]:
+    known = [mean for mean in means if mean is not None] or [0.0]
+    middle, half = (min(known) + max(known)) / 2, max(max(known) - min(known), SPAN_C) / 2
+    return middle - half, middle + half

@@ -1,0 +1,150 @@
+"""The live view in the terminal, at several sizes, by its keys, with and without colour."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Coroutine, Iterator
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from textual.pilot import Pilot
+
+from jbclog.app.watch.terminal import StationScreen, Tile, WatchApp
+from jbclog.core.errors import RecordError
+from jbclog.live import Phase, RunState
+from support.readers.screen import PICTURES, SIZES, in_utc, picture, text_of
+from support.records import live_states
+
+WAIT_S = 60.0
+Steps = Callable[[WatchApp, Pilot[None]], Coroutine[Any, Any, None]]
+
+
+@pytest.fixture(autouse=True)
+def utc(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    with monkeypatch.context() as changed:
+        changed.setenv("TZ", "UTC")
+        in_utc()
+        yield
+    time.tzset()
+
+
+def play(steps: Steps, source: Callable[[], RunState | None] = lambda: None, *, every_s: float | None = None) -> None:
+    async def inside() -> None:
+        app = WatchApp(source, every_s)
+        async with app.run_test(size=(120, 40)) as pilot:
+            await steps(app, pilot)
+
+    asyncio.run(inside())
+
+
+async def shown(app: WatchApp, pilot: Pilot[None], run: RunState) -> str:
+    app.show(run)
+    await pilot.pause()
+    await pilot.pause()
+    return text_of(app)
+
+
+@pytest.mark.parametrize("name", SIZES)
+def test_it_looks_as_it_did(name: str) -> None:
+    """After a change that is meant: ``python tests/support readers.screen``, and look at the difference."""
+    assert asyncio.run(picture(name)) == (PICTURES / f"{name}.txt").read_text(encoding="utf-8")
+
+
+def test_keys_open_a_station_and_choose_severities() -> None:
+    async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
+        text = await shown(app, pilot, live_states.run())
+        assert "The run begins." in text
+        await pilot.press("s")
+        await pilot.pause()
+        assert "The run begins." not in text_of(app)
+        assert "No answer since 12 s." in text_of(app)
+        await pilot.press("s", "s")
+        await pilot.pause()
+        assert "No answer since 12 s." not in text_of(app)
+        await pilot.press("tab", "tab", "enter")
+        await pilot.pause()
+        assert isinstance(app.screen, StationScreen)
+        assert app.screen.station == "ucr-1"
+        await pilot.press("escape")
+        await pilot.pause()
+        assert not isinstance(app.screen, StationScreen)
+        await pilot.press("q")
+
+    play(steps)
+
+
+def test_a_station_in_detail_follows_the_run() -> None:
+    async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
+        await shown(app, pilot, live_states.run())
+        await pilot.press("enter")
+        await pilot.pause()
+        crashed = replace(live_states.run(), phase=Phase.CRASHED)
+        assert "CRASHED" in await shown(app, pilot, crashed)
+        assert isinstance(app.screen, StationScreen)
+
+    play(steps)
+
+
+def test_ports_come_and_go() -> None:
+    async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
+        run = live_states.run()
+        for stations in (run.stations, run.stations[:1], (), run.stations):
+            await shown(app, pilot, replace(run, stations=stations))
+            assert len(app.query(Tile)) == 2 * len(stations)
+
+    play(steps)
+
+
+def test_a_terminal_that_is_resized() -> None:
+    async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
+        await shown(app, pilot, live_states.run())
+        for width in (60, 200, 40, 120):
+            await pilot.resize_terminal(width, 30)
+            await pilot.pause()
+            assert max(map(len, text_of(app).splitlines())) <= width
+            assert "dde-1 port 1" in text_of(app)
+
+    play(steps)
+
+
+def test_no_colour(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+
+    async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
+        await shown(app, pilot, live_states.run())
+        svg = app.export_screenshot()
+        colours = {svg[at + 1 : at + 7] for at in range(len(svg)) if svg[at - 1 : at + 1] == '"#'}
+        assert colours
+        assert [one for one in colours if one not in WINDOW and max(channels(one)) - min(channels(one)) > GREY] == []
+
+    play(steps)
+
+
+def channels(colour: str) -> tuple[int, int, int]:
+    return int(colour[:2], 16), int(colour[2:4], 16), int(colour[4:], 16)
+
+
+GREY = 4
+WINDOW = ("ff5f57", "febc2e", "28c840", "0178d4")  # buttons that the picture draws around the terminal
+
+
+def test_it_reads_in_a_thread_and_again_after_trouble() -> None:
+    answers: list[object] = [None, RecordError("the disk is away"), live_states.run()]
+
+    def source() -> RunState | None:
+        answer = answers.pop(0) if len(answers) > 1 else answers[0]
+        if isinstance(answer, Exception):
+            raise answer
+        return answer  # type: ignore[return-value]  # one of those above
+
+    async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
+        seen, end = "", time.monotonic() + WAIT_S
+        while "dde-1 port 1" not in text_of(app) and time.monotonic() < end:
+            await pilot.pause(0.05)
+            seen += text_of(app)
+        assert "the disk is away" in seen
+        assert "dde-1 port 1" in text_of(app)
+
+    play(steps, source, every_s=0.3)

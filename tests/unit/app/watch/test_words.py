@@ -1,0 +1,82 @@
+"""Texts of the live view: a value that is not known never reads like one that is."""
+
+from __future__ import annotations
+
+import pytest
+
+from jbclog.app.watch import words
+from jbclog.live import Coverage, Reading, Trace
+from support.records import live_states
+
+
+@pytest.mark.parametrize(
+    ("reading", "text"),
+    [
+        (Reading(350, 0.3, None, is_stale=False), "350 °C"),
+        (Reading(350, 12.0, "timeout", is_stale=False), "unknown (timeout; last 350 °C, 12 s ago)"),
+        (Reading(350, 12.0, None, is_stale=True), "unknown (stale; last 350 °C, 12 s ago)"),
+        (Reading(350, None, None, is_stale=True), "unknown (stale; last 350 °C, unknown age ago)"),
+        (Reading(None, None, "no_tool", is_stale=False), "unknown (no_tool)"),
+        (Reading(), "unknown (not read yet)"),
+        (Reading(None, None, "not supported", is_stale=False), "not supported"),
+    ],
+)
+def test_a_reading(reading: Reading, text: str) -> None:
+    assert words.reading_text(reading, "°C") == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(None, "unknown age"), (0.04, "0.0 s"), (9.9, "9.9 s"), (10, "10 s"), (119, "119 s"), (120, "2 min"), (7200, "2 h")],
+)
+def test_an_age(seconds: float | None, text: str) -> None:
+    assert words.age_text(seconds) == text
+
+
+@pytest.mark.parametrize(
+    ("coverage", "text"),
+    [
+        (Coverage(), "coverage unknown"),
+        (Coverage(1000, 1000, is_whole=True), "coverage 100.0 % of 1000"),
+        (Coverage(100_000, 99_999, is_whole=True), "coverage 99.9 % of 100000"),  # never rounded up to all of them
+        (Coverage(100, 50), "coverage 50.0 % of 100, still counting"),
+    ],
+)
+def test_coverage(coverage: Coverage, text: str) -> None:
+    assert words.coverage_text(coverage) == text
+
+
+def test_a_sparkline_is_blank_where_nothing_was_read() -> None:
+    line = words.sparkline(live_states.trace(gap=range(300, 400)), 60)
+    assert len(line) == 60
+    assert line.index(" ") == 30
+    assert line.count(" ") == pytest.approx(10, abs=1)
+    assert words.sparkline(Trace(), 10).strip() == ""
+
+
+def test_noise_does_not_look_like_a_change() -> None:
+    seconds = tuple(float(number - 59) for number in range(60))
+    flat = Trace(seconds, tuple(350.0 + number % 2 for number in range(60)), (None,) * 60)
+    assert set(words.sparkline(flat, 60)[1:]) == {"▄", "▅"}
+
+
+def test_slow_readings_leave_no_gaps() -> None:
+    slow = Trace((-50.0, -30.0, -10.0, 0.0), (340.0, 350.0, 360.0, 350.0), (None,) * 4)
+    line = words.sparkline(slow, 60)
+    assert line[:10].strip() == ""
+    assert " " not in line[10:]
+
+
+def test_a_plot_has_its_range_and_its_time() -> None:
+    lines = words.plot(live_states.trace(20), 60, 8)
+    assert len(lines) == 9
+    assert (lines[0][:8], lines[7][:8]) == (" 350 °C ", " 330 °C ")
+    assert lines[8].endswith("now")
+    assert {len(line) for line in lines} == {60}
+    assert words.plot(Trace(), 60, 8) == ["no reading in the last minute"]
+
+
+def test_foreign_text_is_one_plain_line() -> None:
+    run = live_states.run()
+    assert all("\x1b" not in line and "\n" not in line for line in map(words.event_line, run.events))
+    assert "\x1b" not in "".join(line for port in run.ports for line in words.port_lines(port, 30))
