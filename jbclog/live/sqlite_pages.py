@@ -101,9 +101,9 @@ class DatabasePages:
 
     def _is_consistent(self) -> bool:
         """Whether all pages since `_refresh` are of one committed state."""
-        if not self._is_same_log() or self._log_header() != self._header:
-            return False
-        return self._from_file.isdisjoint(self._read_frames())
+        added = self._read_frames()
+        is_same_log = self._is_same_log() and self._log_header() == self._header  # after the frames: they were of this log
+        return is_same_log and self._from_file.isdisjoint(added)
 
     def _read_page_size(self) -> None:
         self._size, self._reserved = self._log_page_size or self._file_page_size(), 0

@@ -1,0 +1,175 @@
+"""A real run of virtual stations on real terminals, watched from outside: by `jbclog.live` and by `jbclog watch`."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import pty
+import re
+import select
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from jbclog.analysis.run import open_run
+from jbclog.live import Condition, Follower, Phase, RunState
+from jbclog.record.check import check
+from jbclog.sim.process import SimProcess
+from support.command import jbclog
+
+WAIT_S = 120.0
+LINE = """
+[line]
+name = "two"
+
+[[station]]
+name = "a"
+url = "a"
+family = "dde"
+ports = [1]
+[station.sim]
+joints_per_minute = 30
+
+[[station]]
+name = "b"
+url = "b"
+family = "dde"
+ports = [1]
+[[station.sim.fault]]
+kind = "dropout"
+at_s = 6.0
+for_s = 4.0
+"""
+RECIPE = """
+[recipe]
+name = "watched"
+revision = 1
+families = ["dde"]
+[temperature]
+select_c = 350
+[sleep]
+delay_min = 5
+[hibernation]
+delay_min = 30
+[sampling]
+rate_hz = 2
+[run]
+status = "working"
+"""
+
+
+@contextmanager
+def running(home: Path, duration: str) -> Iterator[tuple[subprocess.Popen[str], Path]]:
+    """`jbclog run` on two stations, and its folder of runs."""
+    (home / "two.toml").write_text(LINE)
+    (home / "job.toml").write_text(RECIPE)
+    (home / "runs").mkdir()
+    with SimProcess(home / "two.toml", home / "bench") as stations:
+        words = ["run", str(home / "job.toml"), "--line", str(stations.line_path), "--out", str(home / "runs"), "-d", duration]
+        command = [sys.executable, "-m", "jbclog", *words]
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+            try:
+                yield process, home / "runs"
+            finally:
+                process.kill()
+                process.communicate()
+
+
+def until(follower: Follower, holds: Callable[[RunState], bool]) -> RunState:
+    end = time.monotonic() + WAIT_S
+    while (run := follower.poll()) is None or not holds(run):
+        assert time.monotonic() < end, run
+        time.sleep(0.1)
+    return run
+
+
+def test_a_run_from_its_start_to_its_report(tmp_path: Path) -> None:
+    with running(tmp_path, "15s") as (process, runs), Follower(runs) as follower:
+        conditions = set()
+        until(follower, lambda run: run.phase is Phase.RECORDING and len(run.ports) == 2)
+
+        def unplugged(run: RunState) -> bool:
+            one, two = run.ports
+            conditions.add((one.condition, two.condition))
+            return two.temperature.why == "disconnected"
+
+        run = until(follower, unplugged)
+        assert run.ports[1].condition in (Condition.NOT_KNOWN, Condition.STALE)
+        assert not run.ports[1].temperature.is_known
+        assert run.ports[0].condition in (Condition.NORMAL, Condition.ATTENTION)
+        run = until(follower, lambda run: run.phase is Phase.FINALIZED and run.is_whole)
+        _, told = process.communicate(timeout=WAIT_S)
+        assert process.returncode in (0, 1), told
+        assert {port.condition for port in run.ports} == {Condition.ENDED}
+        assert run.verdict is not None
+        kept = open_run(run.folder)
+        for port in run.ports:
+            due = kept.manifest.ledger[port.station]["1"]["temperature_c"]
+            assert (port.coverage.due, port.coverage.obtained) == (due["due"] - due.get("skipped", 0), due["ok"])
+        assert [one.event.kind for one in run.events] == kept.events()["kind"].tolist()
+        assert check(run.folder) == []
+
+
+class Terminal:
+    """`jbclog watch` in a pseudo-terminal."""
+
+    def __init__(self, *words: str) -> None:
+        child, self._terminal = pty.fork()
+        if child == 0:
+            os.environ |= {"TERM": "xterm-256color", "NO_COLOR": "1"}
+            os.execv(sys.executable, [sys.executable, "-m", "jbclog", "watch", *words])
+        self._child, self._seen = child, ""
+        fcntl.ioctl(self._terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 100, 0, 0))
+
+    def until(self, text: str) -> None:
+        end = time.monotonic() + WAIT_S
+        while text not in self._seen:
+            assert time.monotonic() < end, self._seen[-2000:]
+            if select.select([self._terminal], [], [], 0.5)[0]:
+                data = os.read(self._terminal, 65_536).decode(errors="replace")
+                self._seen += re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", data)
+
+    def type(self, keys: str) -> None:
+        os.write(self._terminal, keys.encode())
+
+    def signal(self, number: signal.Signals) -> None:
+        os.kill(self._child, number)
+
+    def end(self) -> int:
+        """The exit code; its output is read until it ends."""
+        end = time.monotonic() + WAIT_S
+        while time.monotonic() < end:
+            ended, status = os.waitpid(self._child, os.WNOHANG)
+            if ended:
+                return os.waitstatus_to_exitcode(status)
+            if select.select([self._terminal], [], [], 0.1)[0]:
+                try:
+                    os.read(self._terminal, 65_536)
+                except OSError:  # the terminal is closed with its last user
+                    time.sleep(0.05)
+        raise AssertionError("it did not end")
+
+
+def test_the_command_in_a_terminal(tmp_path: Path) -> None:
+    with running(tmp_path, "60s") as (process, runs):
+        terminal = Terminal(str(runs))
+        terminal.until("a port 1")
+        terminal.until("RECORDING")
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=WAIT_S)
+        terminal.until("FINALIZED")
+        terminal.type("q")
+        assert terminal.end() == 0
+
+
+def test_it_needs_a_terminal_and_a_folder(tmp_path: Path) -> None:
+    done = jbclog("watch", str(tmp_path))
+    assert (done.returncode, "needs a terminal" in done.stderr) == (2, True)
+    done = jbclog("watch", str(tmp_path / "none"))
+    assert (done.returncode, "no such folder" in done.stderr) == (2, True)
