@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import sys
 from pathlib import Path
 from typing import Final
@@ -9,15 +10,22 @@ from typing import Final
 import typer
 
 from jbclog.cli.options import NO_FOLDER, is_folder
-from jbclog.cli.output import reports_errors
+from jbclog.cli.output import note, reports_errors
 from jbclog.core.errors import UsageError
 
-NOT_INSTALLED: Final = "{} is not installed: {}; `pip install 'jbclog[{}]'` installs it"
+NOT_INSTALLED: Final = "{}: `pip install 'jbclog[{}]'` installs what this view needs"
+SHORTEST: Final = 16  # characters of a token
 
 
 @reports_errors
 def watch(
     path: Path = typer.Argument(Path("runs"), metavar="[RUN|DIR]", help="A run, or a folder of runs: its newest one."),
+    web: bool = typer.Option(False, "--web", help="Serve a page instead of using the terminal."),
+    port: int = typer.Option(8765, metavar="PORT", min=0, max=65535, help="TCP port of the page; 0 takes a free one."),
+    address: str = typer.Option("127.0.0.1", metavar="ADDRESS", help="Address of the page; others than loopback need a token."),
+    token: str | None = typer.Option(
+        None, metavar="TEXT", envvar="JBCLOG_WATCH_TOKEN", help="Token of the page, 16 characters or more.", show_default=False
+    ),
 ) -> None:
     """Watch a run while it is recorded.
 
@@ -26,17 +34,43 @@ def watch(
 
     \b
     Example:
-      jbclog watch runs
+      jbclog watch runs --web --port 8765
     """
     if not is_folder(path):
         raise UsageError(NO_FOLDER.format(path))
+    if web:
+        _serve(path, address, port, token)
+    else:
+        _show(path)
+
+
+def _show(path: Path) -> None:
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise UsageError("jbclog watch needs a terminal")
+        raise UsageError("jbclog watch needs a terminal; `--web` serves a page")
     try:
         from jbclog.app.watch.terminal import WatchApp
     except ModuleNotFoundError as error:
-        raise UsageError(NOT_INSTALLED.format("The terminal view", error, "watch")) from None
+        raise UsageError(NOT_INSTALLED.format(error, "watch")) from None
     from jbclog.live import follow
 
     with follow(path) as follower:
         WatchApp(follower.poll).run()
+
+
+def _serve(path: Path, address: str, port: int, token: str | None) -> None:
+    try:
+        from jbclog.app.watch.server import Access, PageServer, is_loopback, listening
+    except ModuleNotFoundError as error:
+        raise UsageError(NOT_INSTALLED.format(error, "web")) from None
+    from jbclog.live import follow
+
+    if token is not None and (len(token) < SHORTEST or not token.isascii()):
+        raise UsageError(f"--token must have {SHORTEST} ASCII characters or more (got {len(token)})")
+    if token is None and not is_loopback(address):
+        token = secrets.token_urlsafe(SHORTEST)
+    opened = listening(address, port)
+    host = f"[{address}]" if ":" in address else address
+    query = "" if token is None else f"?token={token}"
+    note(f"watching {path} on http://{host}:{opened.getsockname()[1]}/{query}; Ctrl-C ends it")
+    with opened, follow(path) as follower:
+        PageServer(follower.poll, Access(address, token)).run([opened])

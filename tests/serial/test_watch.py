@@ -13,6 +13,7 @@ import subprocess
 import sys
 import termios
 import time
+import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +23,7 @@ from jbclog.live import Condition, Follower, Phase, RunState
 from jbclog.record.check import check
 from jbclog.sim.process import SimProcess
 from support.command import jbclog
+from support.records.live_rows import Recording
 
 WAIT_S = 120.0
 LINE = """
@@ -173,3 +175,34 @@ def test_it_needs_a_terminal_and_a_folder(tmp_path: Path) -> None:
     assert (done.returncode, "needs a terminal" in done.stderr) == (2, True)
     done = jbclog("watch", str(tmp_path / "none"))
     assert (done.returncode, "no such folder" in done.stderr) == (2, True)
+
+
+def test_the_command_serves_a_page(tmp_path: Path) -> None:
+    recording = Recording(tmp_path)
+    recording.rows(3)
+    recording.commit()
+    command = [sys.executable, "-m", "jbclog", "watch", str(tmp_path), "--web", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        address = re.search(r"http://127\.0\.0\.1:\d+/", process.stderr.readline())
+        assert address is not None
+        with urllib.request.urlopen(address[0] + "events", timeout=WAIT_S) as events:
+            line = events.readline()
+            while recording.folder.name.encode() not in line:
+                line = events.readline()
+            process.send_signal(signal.SIGINT)
+            assert events.read() is not None
+        _, told = process.communicate(timeout=WAIT_S)
+    assert (process.returncode, told) == (130, "")
+    recording.abandon()
+
+
+def test_another_address_comes_with_a_token(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "jbclog", "watch", str(tmp_path), "--web", "--port", "0", "--address", "0.0.0.0"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        found = re.search(r"http://0\.0\.0\.0:(\d+)/\?token=([\w-]{20,});", process.stderr.readline())
+        process.kill()
+    assert found is not None
+    done = jbclog("watch", str(tmp_path), "--web", "--token", "short")
+    assert (done.returncode, "16 ASCII characters or more (got 5)" in done.stderr) == (2, True)

@@ -39,7 +39,10 @@ class Page:
         return self._session
 
     def open(self, path: Path) -> None:
-        self.ask("Page.navigate", url=path.resolve().as_uri())
+        self.visit(path.resolve().as_uri())
+
+    def visit(self, address: str) -> None:
+        self.ask("Page.navigate", url=address)
         self.until("document.readyState === 'complete'")
 
     def close(self) -> None:

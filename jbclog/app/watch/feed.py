@@ -1,0 +1,95 @@
+"""What the page gets of a run: texts as the terminal shows them, and of each trace what is new since the last message."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from jbclog.app.watch import words
+from jbclog.core.text import clean, cleaned, json_line
+from jbclog.live import PortState, RunState, StationState, Trace
+
+SHOWN_EVENTS: Final = 200
+SAME_S: Final = 1e-6
+
+Key = tuple[str, int]
+Json = dict[str, object]
+
+
+class Feed:
+    """Makes messages from states. `whole` is for a page that has nothing yet, `change` for those that have the last message."""
+
+    def __init__(self) -> None:
+        self._state: RunState | None = None
+        self._sent: dict[Key, float] = {}  # `last_s` of each trace
+
+    def whole(self) -> str:
+        """Return the last state with all traces."""
+        return "" if self._state is None else _message(self._state, {}, is_whole=True)
+
+    def change(self, state: RunState | None) -> str:
+        """Return a new state with the new points of its traces; None: there is no run."""
+        is_other = self._state is None or state is None or self._state.folder != state.folder
+        sent = {} if is_other else self._sent
+        self._state = state
+        if state is None:
+            return json_line({"run": words.NO_RUN, "whole": True, "ports": [], "stations": [], "events": []})
+        self._sent = {(port.station, port.port): port.trace.last_s for port in state.ports}
+        return _message(state, sent, is_whole=is_other)
+
+
+def _message(state: RunState, sent: dict[Key, float], *, is_whole: bool) -> str:
+    data: Json = {
+        "run": words.run_line(state),
+        "folder": state.folder.name,
+        "phase": str(state.phase),
+        "status": words.status_line(state),
+        "worst": str(words.worst(state) or "not known"),
+        "zone": words.zone_text(),
+        "whole": is_whole,
+        "ports": [_port(port, sent.get((port.station, port.port))) for port in state.ports],
+        "stations": [_station(station) for station in state.stations],
+        "events": [
+            {"seq": one.seq, "severity": str(one.event.severity), "text": words.event_line(one)}
+            for one in state.events[-SHOWN_EVENTS:]
+        ],
+    }
+    return json_line(cleaned(data))
+
+
+def _port(port: PortState, sent_s: float | None) -> Json:
+    return {
+        "key": f"{port.station} {port.port}",
+        "station": port.station,
+        "name": words.port_name(port),
+        "condition": str(port.condition),
+        "now": words.reading_text(port.temperature, "°C"),
+        "known": port.temperature.is_known,
+        "set": words.reading_text(port.setpoint, "°C"),
+        "power": words.power_text(port.power),
+        "status": words.reading_text(port.status),
+        "row": f"{words.age_text(port.row_age_s)} ago",
+        "coverage": words.coverage_text(port.coverage),
+        "wrong": [clean(text) for text in (*port.alarms, *port.problems)],
+        "trace": _points(port.trace, sent_s),
+    }
+
+
+def _points(trace: Trace, sent_s: float | None) -> Json:
+    """The points after `sent_s`; all of them, to begin with, where the trace was begun anew."""
+    is_new = sent_s is None or trace.last_s < sent_s - SAME_S
+    first = 0 if is_new or sent_s is None else _first_after(trace, sent_s)
+    return {
+        "begin": is_new,
+        "seconds": [round(trace.last_s + one, 3) for one in trace.seconds[first:]],
+        "temperature": trace.temperature_c[first:],
+        "power": [None if one is None else one / 10 for one in trace.power_permille[first:]],
+    }
+
+
+def _first_after(trace: Trace, sent_s: float) -> int:
+    after = (place for place, one in enumerate(trace.seconds) if trace.last_s + one > sent_s + 5e-4)  # they have three decimals
+    return next(after, len(trace.seconds))
+
+
+def _station(station: StationState) -> Json:
+    return {"name": station.name, "settings": words.setting_lines(station), "counters": words.counter_lines(station)}

@@ -1,0 +1,251 @@
+"""The live view as a page: one process that follows a run, and any number of browsers that are shown it. By Starlette and uvicorn.
+
+1. It only reads, and answers GET and HEAD only.
+2. A request must name a host that this server was started for (against DNS rebinding), and come from no other origin.
+3. Beyond the loopback addresses a token is required, from the address line once, then from a cookie.
+4. Nothing is loaded from elsewhere: the policy allows this server's own files, no inline script or style, no frame.
+5. A browser that takes nothing for a while is disconnected; it connects again and gets the whole state.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import ipaddress
+import socket
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, RedirectResponse, Response, StreamingResponse
+from starlette.routing import Route
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from jbclog.app.watch.feed import Feed
+from jbclog.core.errors import JbclogError, UsageError
+from jbclog.core.text import json_line
+from jbclog.live import RunState
+
+EVERY_S: Final = 0.5
+MOST_BROWSERS: Final = 100
+GRACE_S: Final = 2  # for answers on their way when the server ends
+WAITING: Final = 20  # messages for a slow browser
+COOKIE: Final = "jbclog_token"
+LOOPBACK: Final = ("127.0.0.1", "localhost", "::1")
+POLICY: Final = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self'; "
+    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+HEADERS: Final = (
+    (b"content-security-policy", POLICY.encode()),
+    (b"x-content-type-options", b"nosniff"),
+    (b"referrer-policy", b"no-referrer"),
+    (b"cross-origin-resource-policy", b"same-origin"),
+    (b"cross-origin-opener-policy", b"same-origin"),
+    (b"cache-control", b"no-store"),
+)
+HOME: Final = Path(__file__).parent / "static"
+UPLOT: Final = Path(__file__).parents[2] / "report" / "vendor" / "uplot"
+FILES: Final = {
+    "/": (HOME / "watch.html", "text/html"),
+    "/watch.css": (HOME / "watch.css", "text/css"),
+    "/watch.js": (HOME / "watch.js", "text/javascript"),
+    "/uplot.css": (UPLOT / "uPlot.min.css", "text/css"),
+    "/uplot.js": (UPLOT / "uPlot.iife.min.js", "text/javascript"),
+}
+
+Source = Callable[[], RunState | None]
+Queue = asyncio.Queue[str | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Access:
+    """Who may look: `address` is what the server listens on, `token` None where none is required."""
+
+    address: str
+    token: str | None
+
+    def knows_host(self, host: str) -> bool:
+        """Whether a request's header Host names this server."""
+        name = host.rpartition(":")[0] if not host.endswith("]") and ":" in host else host
+        name = name.strip("[]").lower()
+        return name in LOOPBACK or name == self.address.lower() or (self.token is not None and _is_own(name, self.address))
+
+    def is_allowed(self, given: str | None) -> bool:
+        """Whether a token, of the address line or of a cookie, is right."""
+        return self.token is None or (given is not None and hmac.compare_digest(given.encode(), self.token.encode()))
+
+
+def _is_own(name: str, address: str) -> bool:
+    """Whether a name can be this machine's, where the server listens on all addresses."""
+    if not is_any(address):
+        return False
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return name in (socket.gethostname().lower(), socket.getfqdn().lower())
+    return True
+
+
+def is_any(address: str) -> bool:
+    """Whether an address stands for all of this machine."""
+    try:
+        return ipaddress.ip_address(address).is_unspecified
+    except ValueError:
+        return False
+
+
+def is_loopback(address: str) -> bool:
+    """Whether an address can be reached from this machine only."""
+    try:
+        return address == "localhost" or ipaddress.ip_address(address).is_loopback
+    except ValueError:
+        return False
+
+
+class Guard:
+    """Refuses requests that are not for this server, and adds the headers to all answers."""
+
+    def __init__(self, app: ASGIApp, access: Access) -> None:
+        self._app, self._access = app, access
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] = [*message.get("headers", ()), *HEADERS]
+            await send(message)
+
+        answer = self._refusal(Request(scope)) or self._app
+        await answer(scope, receive, guarded)
+
+    def _refusal(self, request: Request) -> Response | None:
+        host, origin = request.headers.get("host", ""), request.headers.get("origin")
+        if not self._access.knows_host(host):
+            return PlainTextResponse("this server has another name", 421)
+        if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
+            return PlainTextResponse("requests from other pages are refused", 403)
+        if request.method not in ("GET", "HEAD"):
+            return PlainTextResponse("this server only reads", 405, {"allow": "GET, HEAD"})
+        given = request.query_params.get("token")
+        if given is not None and self._access.token is not None and self._access.is_allowed(given):
+            answer = RedirectResponse(request.url.path, 303)  # the token leaves the address line
+            answer.set_cookie(COOKIE, given, httponly=True, samesite="strict", secure=request.url.scheme == "https")
+            return answer
+        if not self._access.is_allowed(request.cookies.get(COOKIE)):
+            return PlainTextResponse("a token is required: open the address that `jbclog watch --web` has shown", 401)
+        return None
+
+
+@dataclass(slots=True)
+class Broadcast:
+    """Reads `source` twice a second and hands each message to all browsers."""
+
+    source: Source
+    feed: Feed = field(default_factory=Feed)
+    browsers: set[Queue] = field(default_factory=set)
+
+    async def run(self) -> None:
+        while True:
+            self._hand_out(await asyncio.to_thread(self._read))
+            await asyncio.sleep(EVERY_S)
+
+    def _read(self) -> str:
+        try:
+            return self.feed.change(self.source())
+        except JbclogError as error:
+            return json_line({"trouble": str(error)})
+
+    def _hand_out(self, message: str) -> None:
+        for queue in list(self.browsers):
+            if queue.qsize() >= WAITING:
+                self.browsers.discard(queue)  # it has taken nothing for ten seconds
+                while not queue.empty():
+                    queue.get_nowait()
+                queue.put_nowait(None)
+            else:
+                queue.put_nowait(message)
+
+    def end(self) -> None:
+        """End all streams."""
+        for queue in self.browsers:
+            queue.put_nowait(None)
+
+    async def messages(self) -> AsyncIterator[str]:
+        """Yield what a browser gets: the whole state, then changes, until it is too slow."""
+        queue = Queue()
+        whole = self.feed.whole()  # a change that it has already may follow: the page leaves out points that it has
+        self.browsers.add(queue)
+        try:
+            if whole:
+                yield _event(whole)
+            while (message := await queue.get()) is not None:
+                yield _event(message)
+        finally:
+            self.browsers.discard(queue)
+
+
+def _event(message: str) -> str:
+    return f"data: {message}\n\n"
+
+
+def application(broadcast: Broadcast, access: Access) -> ASGIApp:
+    """Return the page as an ASGI application."""
+
+    @asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        task = asyncio.create_task(broadcast.run())
+        yield
+        task.cancel()
+
+    async def events(_: Request) -> Response:
+        if len(broadcast.browsers) >= MOST_BROWSERS:
+            return PlainTextResponse(f"{MOST_BROWSERS} browsers are connected already", 503)
+        return StreamingResponse(broadcast.messages(), media_type="text/event-stream")
+
+    routes = [Route(path, _file(file, kind)) for path, (file, kind) in FILES.items()]
+    routes.append(Route("/favicon.ico", lambda _: Response(status_code=204)))
+    return Guard(Starlette(routes=[*routes, Route("/events", events)], lifespan=lifespan), access)
+
+
+def _file(path: Path, kind: str) -> Callable[[Request], Response]:
+    data = path.read_bytes()
+    return lambda _: Response(data, media_type=f"{kind}; charset=utf-8")
+
+
+def listening(address: str, port: int) -> socket.socket:
+    """Return a socket that listens. Raises UsageError where the port is in use or the address is not this machine's."""
+    family = socket.AF_INET6 if ":" in address else socket.AF_INET
+    opened = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        opened.bind((address, port))
+        opened.listen(128)
+    except OSError as error:
+        opened.close()
+        raise UsageError(f"{address} port {port} cannot be used: {error.strerror or error}; choose another with --port") from error
+    return opened
+
+
+class PageServer(uvicorn.Server):
+    """Serves the page of a run; `run` takes a list with a socket of `listening`, and ends at SIGINT or SIGTERM."""
+
+    def __init__(self, source: Source, access: Access) -> None:
+        self._broadcast = Broadcast(source)
+        app = application(self._broadcast, access)
+        config = uvicorn.Config(app, log_level="error", access_log=False, server_header=False, ws="none")
+        config.timeout_graceful_shutdown = GRACE_S
+        super().__init__(config)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End the streams first, which would last for ever."""
+        self._broadcast.end()
+        await super().shutdown(sockets)

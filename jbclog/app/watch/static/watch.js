@@ -1,0 +1,206 @@
+"use strict";
+// Shows the messages of /events (jbclog/app/watch/feed.py). All text is set as text, never as HTML.
+(() => {
+  const SEVERITIES = ["info", "warning", "error", "critical"];
+  const SILENT_MS = 5000; // without a message for so long nothing on the page is known any more
+  const TRACE_S = 60, SPAN_C = 5, DRAW_MS = 400;
+  const find = (id) => document.getElementById(id);
+  const tiles = new Map(); // by key: elements, trace, last message
+  let last = null, heard = performance.now(), open = null, plot = null, drawn = 0;
+
+  const make = (name, parent, className) => {
+    const one = document.createElement(name);
+    if (className) one.className = className;
+    parent.append(one);
+    return one;
+  };
+  const put = (element, text) => { if (element.textContent !== text) element.textContent = text; };
+
+  function tileOf(key) {
+    if (tiles.has(key)) return tiles.get(key);
+    const box = make("article", find("ports"));
+    const bar = make("div", box, "bar");
+    const tile = { box, name: make("h2", bar), condition: make("span", bar, "condition"), now: make("p", box, "now") };
+    tile.canvas = make("canvas", box, "line");
+    tile.canvas.setAttribute("aria-hidden", "true");
+    tile.facts = make("p", box, "facts");
+    tile.row = make("p", box, "facts quiet");
+    tile.wrong = make("p", box, "wrong");
+    tile.button = make("button", box);
+    tile.button.type = "button";
+    tile.button.textContent = "Details";
+    tile.button.addEventListener("click", () => show(key));
+    tile.trace = { seconds: [], temperature: [], power: [] };
+    tiles.set(key, tile);
+    return tile;
+  }
+
+  function addPoints(trace, points) {
+    if (points.begin) trace.seconds.length = trace.temperature.length = trace.power.length = 0;
+    points.seconds.forEach((seconds, place) => {
+      if (trace.seconds.length && seconds <= trace.seconds[trace.seconds.length - 1]) return; // it has this one
+      trace.seconds.push(seconds);
+      trace.temperature.push(points.temperature[place]);
+      trace.power.push(points.power[place]);
+    });
+    const from = trace.seconds[trace.seconds.length - 1] - TRACE_S;
+    const old = trace.seconds.findIndex((seconds) => seconds >= from);
+    if (old > 0) for (const values of Object.values(trace)) values.splice(0, old);
+  }
+
+  function drawLine(tile) {
+    const { canvas, trace } = tile, ratio = window.devicePixelRatio || 1;
+    const width = Math.round(canvas.clientWidth * ratio), height = Math.round(canvas.clientHeight * ratio);
+    if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
+    const pen = canvas.getContext("2d");
+    pen.clearRect(0, 0, width, height);
+    const known = trace.temperature.filter((value) => value !== null);
+    if (!known.length) return;
+    const low = Math.min(...known), high = Math.max(...known), middle = (low + high) / 2, span = Math.max(high - low, SPAN_C) * 1.1;
+    const end = trace.seconds[trace.seconds.length - 1];
+    pen.strokeStyle = getComputedStyle(canvas).getPropertyValue("--trace");
+    pen.lineWidth = 1.5 * ratio;
+    pen.beginPath();
+    let isDown = false;
+    trace.seconds.forEach((seconds, place) => {
+      const value = trace.temperature[place];
+      if (value === null) { isDown = false; return; }
+      const x = (1 + (seconds - end) / TRACE_S) * width, y = height / 2 - (value - middle) / span * height;
+      if (isDown) pen.lineTo(x, y); else pen.moveTo(x, y);
+      isDown = true;
+    });
+    pen.stroke();
+  }
+
+  function showPort(port) {
+    const tile = tileOf(port.key);
+    tile.port = port;
+    tile.box.dataset.condition = port.condition;
+    put(tile.name, port.name);
+    put(tile.condition, port.condition);
+    put(tile.now, port.now);
+    tile.now.classList.toggle("unknown", !port.known);
+    put(tile.facts, `set ${port.set} · power ${port.power} · ${port.status}`);
+    put(tile.row, `row ${port.row} · ${port.coverage}`);
+    put(tile.wrong, port.wrong.join(" · "));
+    tile.button.setAttribute("aria-label", `Details of ${port.name}`);
+    addPoints(tile.trace, port.trace);
+  }
+
+  function showEvents() {
+    const least = SEVERITIES.indexOf(find("severity").value), list = find("events");
+    const shown = last.events.filter((event) => SEVERITIES.indexOf(event.severity) >= least);
+    const isAtEnd = list.scrollTop + list.clientHeight >= list.scrollHeight - 30;
+    const state = `${last.folder} ${least} ${shown.length ? shown[shown.length - 1].seq : ""} ${shown.length}`;
+    if (list.dataset.state === state) return;
+    list.dataset.state = state;
+    list.replaceChildren();
+    for (const event of shown) make("li", list, event.severity).textContent = event.text;
+    if (isAtEnd) list.scrollTop = list.scrollHeight;
+  }
+
+  function take(message) {
+    heard = performance.now();
+    document.body.classList.remove("lost");
+    if (message.trouble) { put(find("status"), message.trouble); document.body.dataset.worst = "stale"; return; }
+    if (message.whole) for (const tile of tiles.values()) tile.trace.seconds.length = tile.trace.temperature.length = tile.trace.power.length = 0;
+    last = message;
+    put(find("run"), message.run);
+    put(find("status"), message.status || "");
+    put(find("zone"), message.zone ? `times in ${message.zone}` : "");
+    document.body.dataset.worst = message.worst || "stale";
+    document.title = `${(message.worst || message.run).toUpperCase()} – jbclog watch`;
+    const keys = new Set(message.ports.map((port) => port.key));
+    for (const [key, tile] of tiles) if (!keys.has(key)) { tile.box.remove(); tiles.delete(key); }
+    message.ports.forEach(showPort);
+    if (performance.now() - drawn > DRAW_MS) { drawn = performance.now(); tiles.forEach(drawLine); }
+    if (message.events) showEvents();
+    if (open) refresh();
+  }
+
+  function lost(text) {
+    document.body.classList.add("lost");
+    document.body.dataset.worst = "stale";
+    put(find("status"), text);
+    document.title = "NO CONNECTION – jbclog watch";
+    for (const tile of tiles.values()) {
+      tile.box.dataset.condition = "stale";
+      put(tile.condition, "stale");
+      tile.now.classList.add("unknown");
+      if (tile.port) put(tile.now, tile.port.known ? `unknown (no connection; last ${tile.port.now})` : tile.port.now);
+    }
+  }
+
+  // -- a port in detail --------------------------------------------------------------------------------------------------
+
+  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const data = () => { const { seconds, temperature, power } = tiles.get(open).trace; return [seconds.slice(), temperature.slice(), power.slice()]; };
+
+  function show(key) {
+    open = key;
+    find("detail").showModal();
+    const axis = { stroke: colour("--ink"), grid: { stroke: colour("--line") }, ticks: { stroke: colour("--line") } };
+    const end = () => { const { seconds } = tiles.get(open).trace; return seconds[seconds.length - 1] || 0; };
+    plot = new uPlot({
+      width: Math.max(find("plot").clientWidth, 200), height: 280, legend: { show: false },
+      scales: { x: { time: false }, power: { range: [0, 100] } },
+      axes: [
+        { ...axis, values: (_, ticks) => ticks.map((tick) => `${(tick - end()).toFixed(0)} s`) },
+        { ...axis, values: (_, ticks) => ticks.map((tick) => `${tick} °C`), size: 70 },
+        { ...axis, scale: "power", side: 1, values: (_, ticks) => ticks.map((tick) => `${tick} %`), grid: { show: false } },
+      ],
+      series: [{}, { stroke: colour("--trace"), width: 2 }, { stroke: colour("--power"), width: 1, scale: "power", dash: [4, 3] }],
+      hooks: { setCursor: [read] },
+    }, data(), find("plot"));
+    refresh();
+  }
+
+  function read(view) {
+    const place = view.cursor.idx;
+    if (place === null || place === undefined) { put(find("cursor"), ""); return; }
+    const [seconds, temperature, power] = view.data, end = seconds[seconds.length - 1];
+    const text = (value, unit) => (value === null || value === undefined ? "not read" : `${value} ${unit}`);
+    put(find("cursor"), `${(seconds[place] - end).toFixed(1)} s: ${text(temperature[place], "°C")}, ${text(power[place], "%")}`);
+  }
+
+  function refresh() {
+    const tile = tiles.get(open);
+    if (!tile || !tile.port) { find("detail").close(); return; }
+    const { port } = tile, station = last.stations.find((one) => one.name === port.station) || { settings: [], counters: [] };
+    put(find("detail-name"), port.name);
+    put(find("detail-state"), [port.condition.toUpperCase(), port.now, `set ${port.set}`, `power ${port.power}`, ...port.wrong].join(" · "));
+    put(find("settings"), station.settings.join("\n") || "none read");
+    put(find("counters"), station.counters.join("\n") || "none read");
+    const seconds = plot.data[0], { min, max } = plot.scales.x;
+    const isZoomed = seconds.length > 0 && min !== null && (min > seconds[0] + 0.01 || max < seconds[seconds.length - 1] - 0.01);
+    plot.setData(data(), !isZoomed);
+    find("plot").dataset.points = String(plot.data[0].length);
+    if (min !== null) find("plot").dataset.window = `${min} ${max}`;
+  }
+
+  find("detail").addEventListener("close", () => {
+    if (plot) plot.destroy();
+    const tile = tiles.get(open);
+    plot = open = null;
+    put(find("cursor"), "");
+    if (tile) tile.button.focus();
+  });
+  find("close").addEventListener("click", () => find("detail").close());
+  find("plot").addEventListener("keydown", (event) => {
+    const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+    if (!plot || step === undefined) return;
+    event.preventDefault();
+    const count = plot.data[0].length, from = plot.cursor.idx === null || plot.cursor.idx === undefined ? count - 1 : plot.cursor.idx + step;
+    const place = Math.min(Math.max(from, 0), count - 1);
+    plot.setCursor({ left: plot.valToPos(plot.data[0][place], "x"), top: 10 });
+  });
+  find("severity").addEventListener("change", () => { if (last) showEvents(); });
+  window.addEventListener("resize", () => {
+    tiles.forEach(drawLine);
+    if (plot) plot.setSize({ width: Math.max(find("plot").clientWidth, 200), height: 280 });
+  });
+
+  const source = new EventSource("events");
+  source.onmessage = (event) => take(JSON.parse(event.data));
+  setInterval(() => { if (performance.now() - heard > SILENT_MS) lost("NO CONNECTION to jbclog watch: what is shown is old."); }, 1000);
+})();

@@ -1,0 +1,298 @@
+"""The live view's page in Chromium: what it shows, by mouse, keys and fingers, and what it shows when nothing comes any more."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from jbclog.core.rows import EventRow, Severity
+from jbclog.live import Condition, Coverage, Follower, NumberedEvent, PortState, RunState
+from support import program
+from support.readers.browser import PROGRAM, Chromium, Page, chromium
+from support.records import live_states
+from support.records.live_rows import Recording
+from support.virtual.watched_page import Served, page
+
+pytestmark = pytest.mark.skipif(PROGRAM is None, reason="chromium is not installed")
+
+LOADED = {"uplot.css", "watch.css", "uplot.js", "watch.js", "events", "favicon.ico"}
+TILE = "document.querySelectorAll('article')[{}]"
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Chromium]:
+    with chromium() as found:
+        yield found
+
+
+def seen(browser: Chromium, served: Served, width: int = 1280, height: int = 900, *, phone: bool = False) -> Page:
+    """The page when it has its first message; it notes each request."""
+    opened = browser.page(width, height, phone)
+    opened.visit(served.address)
+    opened.until("document.querySelectorAll('article').length > 0")
+    return opened
+
+
+def text(opened: Page, selector: str) -> str:
+    return str(opened.js(f"document.querySelector({selector!r}).textContent"))
+
+
+def tile(opened: Page, number: int, what: str) -> str:
+    return str(opened.js(f"{TILE.format(number)}.querySelector({what!r}).textContent"))
+
+
+def requests(opened: Page) -> set[str]:
+    found = opened.js("performance.getEntriesByType('resource').map(one => one.name)")
+    return set(found)
+
+
+def test_tiles_show_the_run(browser: Chromium) -> None:
+    with page(live_states.run()) as served:
+        opened = seen(browser, served)
+        assert text(opened, "#run") == "20261123T060000Z-bench-3-k7qd · RECORDING · order 88123 · unit SN-0012"
+        assert text(opened, "#status") == "1 alarm, 1 stale, 1 not known, 1 attention, 1 normal, 1 ended"
+        assert [tile(opened, number, ".condition") for number in range(6)] == [
+            *("normal", "alarm", "not known", "stale", "attention", "ended")
+        ]
+        assert tile(opened, 0, ".now") == "349 °C"
+        assert tile(opened, 2, ".now") == "unknown (timeout; last 351 °C, 12 s ago)"
+        assert "T 392 °C is above the limit of 380 °C." in tile(opened, 1, ".wrong")
+        assert opened.js("document.title") == "ALARM – jbclog watch"
+        assert {one.removeprefix(served.address) for one in requests(opened)} <= LOADED
+        canvas = f"{TILE.format(0)}.querySelector('canvas')"
+        pixels = f"Array.from({canvas}.getContext('2d').getImageData(0, 0, 200, 40).data).some(one => one)"
+        opened.until(pixels)
+        assert opened.said == []
+        opened.close()
+
+
+def test_foreign_text_stays_text(browser: Chromium) -> None:
+    with page(live_states.run()) as served:
+        opened = seen(browser, served)
+        assert "<img src=x onerror=alert(1)>" in tile(opened, 4, ".wrong")
+        assert "<img src=x onerror=alert(1)>" in text(opened, "#events")
+        assert opened.js("document.images.length") == 0
+        assert opened.said == []
+        opened.close()
+
+
+def test_events_by_severity(browser: Chromium) -> None:
+    with page(live_states.run()) as served:
+        opened = seen(browser, served)
+        assert opened.js("document.querySelectorAll('#events li').length") == 4
+        for severity, count in (("warning", 3), ("critical", 1), ("info", 4)):
+            opened.js(
+                f"(() => {{ const one = document.getElementById('severity'); one.value = '{severity}';"
+                " one.dispatchEvent(new Event('change')); })()"
+            )
+            assert opened.js("document.querySelectorAll('#events li').length") == count
+        more = replace(live_states.run(), events=(NumberedEvent(9, EventRow(1, "x", Severity.ERROR, "a new one")),))
+        served.answer = more
+        opened.until("document.getElementById('events').textContent.includes('a new one')")
+        opened.close()
+
+
+def test_a_port_in_detail(browser: Chromium) -> None:
+    with page(live_states.run()) as served:
+        opened = seen(browser, served)
+        opened.click("article button")
+        opened.until("document.getElementById('detail').open && document.querySelector('#plot').dataset.points === '601'")
+        assert "temperature_select_c" in text(opened, "#settings")
+        assert "123.5" in text(opened, "#counters")
+        left, top, width, height = opened.place("#plot .u-over")
+        opened.hover(left + width - 1, top + height / 2)
+        assert text(opened, "#cursor").startswith("0.0 s: ")
+        assert text(opened, "#cursor").endswith(", 10 %")
+        opened.until("document.querySelector('#plot').dataset.window !== undefined")
+        opened.drag((left + width * 0.25, top + height / 2), (left + width * 0.5, top + height / 2))
+        opened.until("(() => { const [a, b] = document.querySelector('#plot').dataset.window.split(' '); return b - a < 20; })()")
+        opened.js("document.getElementById('plot').focus()")
+        opened.key("ArrowLeft")
+        opened.key("ArrowLeft")
+        assert text(opened, "#cursor")
+        opened.ask("Input.dispatchKeyEvent", type="keyDown", key="Escape", code="Escape", windowsVirtualKeyCode=27)
+        opened.until("!document.getElementById('detail').open")
+        assert opened.js("document.activeElement.textContent") == "Details"
+        assert opened.said == []
+        opened.close()
+
+
+def test_a_trace_grows_and_old_points_leave(browser: Chromium) -> None:
+    run = live_states.run()
+
+    def at(last_s: float) -> RunState:
+        one = replace(run.ports[0], trace=replace(live_states.trace(), last_s=last_s))
+        return replace(run, stations=(replace(run.stations[0], ports=(one,)),))
+
+    with page(at(100.0)) as served:
+        opened = seen(browser, served)
+        opened.click("article button")
+        for last_s in (101.0, 130.0, 400.0, 20.0):
+            served.answer = at(last_s)
+            opened.until(
+                f"Number((document.querySelector('#plot').dataset.window || '').split(' ')[1]).toFixed(0) === '{last_s:.0f}'"
+            )
+            assert opened.js("document.querySelector('#plot').dataset.points") == "601"
+        opened.close()
+
+
+def test_without_messages_nothing_is_known(browser: Chromium) -> None:
+    with page(live_states.run()) as served:
+        opened = seen(browser, served)
+    opened.until("document.title === 'NO CONNECTION – jbclog watch'")
+    assert {opened.js(f"{TILE.format(number)}.dataset.condition") for number in range(6)} == {"stale"}
+    assert tile(opened, 0, ".now") == "unknown (no connection; last 349 °C)"
+    opened.close()
+
+
+def test_trouble_with_the_record_is_shown(browser: Chromium) -> None:
+    from jbclog.core.errors import RecordError
+
+    with page(live_states.run()) as served:
+        opened = seen(browser, served)
+        served.answer = RecordError("the disk is away")
+        opened.until("document.getElementById('status').textContent === 'the disk is away'")
+        opened.close()
+
+
+@pytest.mark.parametrize("width", [320, 390, 768])
+def test_a_phone_shows_everything_without_scrolling_sideways(browser: Chromium, width: int) -> None:
+    with page(live_states.run()) as served:
+        opened = seen(browser, served, width, 844, phone=True)
+        assert opened.js("document.documentElement.scrollWidth") <= width
+        size = float(opened.js(f"getComputedStyle({TILE.format(0)}.querySelector('.now')).fontSize").removesuffix("px"))
+        assert size >= 32  # read at arm's length
+        assert (
+            opened.js(
+                "Math.min(...[...document.querySelectorAll('button, select')].filter(one => one.offsetHeight)"
+                ".map(one => one.offsetHeight))"
+            )
+            >= 44
+        )
+        opened.close()
+
+
+def test_words_for_those_who_hear_the_page(browser: Chromium) -> None:
+    with page(live_states.run()) as served:
+        opened = seen(browser, served)
+        tree = opened.ask("Accessibility.getFullAXTree")["nodes"]
+        names = {(one["role"]["value"], one.get("name", {}).get("value")) for one in tree if not one["ignored"]}
+        assert {("button", "Details of dde-1 port 1 T210"), ("region", "Ports"), ("heading", "dde-1 port 1 T210")} <= names
+        assert {role for role, name in names if role in ("button", "combobox") and not name} == set()
+        assert any(role == "status" for role, _ in names)
+        opened.close()
+
+
+CONTRAST = """(() => {
+  const numbers = (text) => text.match(/[\\d.]+/g).map(Number);
+  const light = (text) => { const [r, g, b] = numbers(text)
+      .map(one => one / 255).map(one => one <= .04045 ? one / 12.92 : ((one + .055) / 1.055) ** 2.4);
+    return .2126 * r + .7152 * g + .0722 * b; };
+  const ground = (one) => { for (; one; one = one.parentElement) { const back = getComputedStyle(one).backgroundColor;
+    if (!/, 0\\)|transparent/.test(back)) return back; } return 'rgb(255, 255, 255)'; };
+  const found = [];
+  for (const one of document.querySelectorAll('h1, h2, p, span, li, button, select')) {
+    if (!one.textContent.trim() || !one.offsetHeight) continue;
+    const [a, b] = [light(getComputedStyle(one).color), light(ground(one))].sort((x, y) => y - x);
+    if ((a + .05) / (b + .05) < 4.5) found.push(one.className + ' ' + one.textContent);
+  }
+  return found;
+})()"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_texts_can_be_read(browser: Chromium, scheme: str) -> None:
+    """WCAG 2.2, 1.4.3: a contrast of 4.5 to 1."""
+    with page(live_states.run()) as served:
+        opened = browser.page(1280, 900)
+        opened.ask("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+        opened.visit(served.address)
+        opened.until("document.querySelectorAll('article').length > 0")
+        assert opened.js(CONTRAST) == []
+        opened.close()
+
+
+def many(tick: int, ports: int = 16) -> RunState:
+    """Ports that were recorded at 10 Hz, 5 rows later at each step."""
+    made = tuple(
+        PortState(
+            "line",
+            number,
+            "T210",
+            Condition.NORMAL,
+            "ok",
+            0.2,
+            {"temperature_c": live_states.known(350 + tick % 9)},
+            (),
+            (),
+            Coverage(tick, tick, is_whole=True),
+            replace(live_states.trace(), last_s=tick / 2),
+        )
+        for number in range(1, ports + 1)
+    )
+    return replace(live_states.run(), stations=(live_states.station("line", *made),))
+
+
+@pytest.mark.parametrize(
+    ("ports", "seconds"), [(16, 8), pytest.param(64, 300, marks=[pytest.mark.campaign, pytest.mark.timeout(900)])]
+)
+def test_many_ports_for_long_without_growth(browser: Chromium, ports: int, seconds: int) -> None:
+    ticks = iter(range(200, 1_000_000))
+    with page(lambda: many(next(ticks), ports)) as served:
+        opened = seen(browser, served)
+        opened.js("new Promise(done => setTimeout(done, 3000))")
+        sizes = []
+        for _ in range(2):
+            opened.ask("HeapProfiler.collectGarbage")
+            counts = opened.ask("Memory.getDOMCounters")
+            sizes.append((counts["nodes"], opened.ask("Runtime.getHeapUsage")["usedSize"]))
+            end = time.monotonic() + seconds
+            while time.monotonic() < end:
+                opened.js("new Promise(done => setTimeout(done, 500))")
+        (nodes, heap), (later_nodes, later_heap) = sizes
+        assert later_nodes <= nodes + 50
+        assert later_heap <= heap * 1.3 + 1_000_000
+        assert opened.said == []
+        opened.close()
+
+
+# -- of a run that is recorded ---------------------------------------------------------------------------------------------
+
+
+def test_an_alarm_is_visible_soon_after_its_commit(browser: Chromium, tmp_path: Path) -> None:
+    recording = Recording(tmp_path)
+    recording.rows(20)
+    recording.commit()
+    with Follower(tmp_path) as follower, page(follower.poll) as served:
+        opened = seen(browser, served)
+        recording.rows(1, temperature_c=392)
+        recording.event("alarm.high", "above 380 °C", 1)
+        recording.commit()
+        opened.until(f"{TILE.format(0)}.dataset.condition === 'alarm'")
+        assert tile(opened, 0, ".wrong") == "above 380 °C"
+        recording.rows(1, temperature_c=None, power_permille=None, quality="disconnected", reasons="temperature_c=disconnected")
+        recording.commit()
+        opened.until(f"{TILE.format(1)}.dataset.condition === 'not known'")
+        opened.close()
+    recording.abandon()
+
+
+def test_a_killed_recorder_is_seen_as_such(browser: Chromium, tmp_path: Path) -> None:
+    process = subprocess.Popen(program("records.live_rows", tmp_path), stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    process.stdout.readline()
+    with Follower(tmp_path) as follower, page(follower.poll) as served:
+        opened = seen(browser, served)
+        opened.until("document.getElementById('run').textContent.includes('RECORDING')")
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+        opened.until("document.getElementById('run').textContent.includes('CRASHED')")
+        assert opened.js(f"{TILE.format(0)}.dataset.condition") == "stale"
+        assert "without finalizing" in text(opened, "#status")
+        opened.close()

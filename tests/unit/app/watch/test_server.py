@@ -1,0 +1,178 @@
+"""Who is let in to the live view's page, and what it answers."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import socket
+from collections.abc import Iterator
+
+import pytest
+
+from jbclog.app.watch.server import FILES, MOST_BROWSERS, POLICY, Access, is_loopback, listening
+from jbclog.core.errors import RecordError, UsageError
+from support.records import live_states
+from support.virtual.watched_page import Served, page
+
+TOKEN = "a-token-of-24-characters"
+
+
+@pytest.fixture(scope="module")
+def served() -> Iterator[Served]:
+    with page(live_states.run()) as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def locked() -> Iterator[Served]:
+    with page(live_states.run(), TOKEN, "0.0.0.0") as made:
+        yield made
+
+
+def asked(served: Served, path: str = "/", method: str = "GET", **headers: str) -> http.client.HTTPResponse:
+    connection = http.client.HTTPConnection("127.0.0.1", served.port, timeout=60)
+    connection.request(method, path, headers={"Host": f"127.0.0.1:{served.port}", **headers})
+    answer = connection.getresponse()
+    answer.close_with = connection  # type: ignore[attr-defined]  # keeps it open as long as the answer
+    return answer
+
+
+def code(served: Served, path: str = "/", method: str = "GET", **headers: str) -> int:
+    answer = asked(served, path, method, **headers)
+    answer.read()
+    answer.close_with.close()  # type: ignore[attr-defined]
+    return answer.status
+
+
+def messages(served: Served, count: int, **headers: str) -> list[dict[str, object]]:
+    answer = asked(served, "/events", **headers)
+    found = []
+    while len(found) < count:
+        line = answer.readline()
+        if line.startswith(b"data: "):
+            found.append(json.loads(line[6:]))
+    answer.close()
+    answer.close_with.close()  # type: ignore[attr-defined]
+    return found
+
+
+@pytest.mark.parametrize("path", FILES)
+def test_its_files_have_a_strict_policy(served: Served, path: str) -> None:
+    answer = asked(served, path)
+    text = answer.read().decode()
+    answer.close_with.close()  # type: ignore[attr-defined]
+    assert answer.status == 200
+    assert answer.headers["Content-Security-Policy"] == POLICY
+    assert "unsafe" not in POLICY
+    assert answer.headers["X-Content-Type-Options"] == "nosniff"
+    assert answer.headers["Cache-Control"] == "no-store"
+    assert answer.headers["Server"] is None
+    if path == "/":
+        assert " style=" not in text
+        assert "://" not in text
+
+
+@pytest.mark.parametrize("path", ["/watch", "/../pyproject.toml", "/static/watch.js", "/uplot.js/", "/%2e%2e/server.py"])
+def test_nothing_else_is_served(served: Served, path: str) -> None:
+    assert code(served, path) in (404, 307)
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "TRACE"])
+def test_it_only_reads(served: Served, method: str) -> None:
+    assert code(served, "/", method) == 405
+    assert code(served, "/events", method) == 405
+
+
+@pytest.mark.parametrize(
+    ("host", "expected"),
+    [
+        *(("localhost", 200), ("localhost:1", 200), ("[::1]:8765", 200), ("127.0.0.1", 200), ("LOCALHOST:80", 200)),
+        *(("evil.example", 421), ("evil.example:8765", 421), ("127.0.0.1.evil.example", 421), ("192.168.1.5", 421), ("", 421)),
+    ],
+)
+def test_it_answers_to_its_own_names(served: Served, host: str, expected: int) -> None:
+    assert code(served, "/", Host=host) == expected
+
+
+@pytest.mark.parametrize(
+    ("origin", "expected"), [("http://127.0.0.1:{}", 200), ("http://evil.example", 403), ("null", 403), ("http://127.0.0.1:1", 403)]
+)
+def test_other_origins_are_refused(served: Served, origin: str, expected: int) -> None:
+    assert code(served, "/", Origin=origin.format(served.port)) == expected
+
+
+def test_another_address_needs_the_token(locked: Served) -> None:
+    for path in ("/", "/events", "/watch.js", "/?token=wrong", "/?token=", "/?token=%C3%A4"):
+        assert code(locked, path) == 401
+    answer = asked(locked, f"/?token={TOKEN}")
+    answer.close_with.close()  # type: ignore[attr-defined]
+    assert (answer.status, answer.headers["Location"]) == (303, "/")
+    cookie = answer.headers["Set-Cookie"]
+    assert "HttpOnly" in cookie
+    assert "SameSite=strict" in cookie
+    assert code(locked, "/", Cookie=cookie.partition(";")[0]) == 200
+    assert code(locked, "/", Cookie="jbclog_token=wrong") == 401
+
+
+@pytest.mark.parametrize("host", ["192.168.1.5:8765", "[fe80::1]:80", socket.gethostname()])
+def test_with_a_token_it_answers_to_its_addresses(locked: Served, host: str) -> None:
+    assert code(locked, "/", Host=host) == 401
+    assert code(locked, "/", Host="evil.example") == 421
+
+
+def test_addresses() -> None:
+    assert [is_loopback(one) for one in ("127.0.0.1", "127.9.9.9", "::1", "localhost", "0.0.0.0", "10.0.0.1", "line-pc")] == [
+        *[True] * 4,
+        *[False] * 3,
+    ]
+    assert Access("line-pc", TOKEN).knows_host("line-pc:8765")
+    assert not Access("line-pc", TOKEN).knows_host("other-pc:8765")
+
+
+def test_a_port_in_use() -> None:
+    with listening("127.0.0.1", 0) as opened, pytest.raises(UsageError, match="cannot be used: Address already in use"):
+        listening("127.0.0.1", opened.getsockname()[1])
+
+
+def test_the_first_message_has_everything_and_later_ones_what_is_new(served: Served) -> None:
+    first, second = messages(served, 2)
+    assert first["whole"] is True
+    assert second["whole"] is False
+    (port, *_), (again, *_) = first["ports"], second["ports"]  # type: ignore[misc]  # lists
+    assert (port["name"], port["now"], port["condition"]) == ("dde-1 port 1 T210", "349 °C", "normal")
+    assert (len(port["trace"]["seconds"]), len(again["trace"]["seconds"])) == (601, 0)
+    assert again["trace"]["begin"] is False
+
+
+def test_hidden_characters_stay_away(served: Served) -> None:
+    assert "\x1b" not in json.dumps(messages(served, 1), ensure_ascii=False)
+
+
+def test_no_run_and_trouble_are_messages() -> None:
+    with page(None) as served:
+        assert messages(served, 1)[0]["run"] == "no run yet"
+        served.answer = RecordError("the disk is away")
+        assert messages(served, 3)[-1] == {"trouble": "the disk is away"}
+        served.answer = live_states.run()
+        assert messages(served, 3)[-1]["folder"] == "20261123T060000Z-bench-3-k7qd"
+
+
+def test_a_hundred_browsers_and_no_more() -> None:
+    with page(live_states.run()) as served:
+        opened = [asked(served, "/events") for _ in range(MOST_BROWSERS)]
+        assert {one.status for one in opened} == {200}
+        assert all(one.readline().startswith(b"data: ") for one in opened)
+        assert code(served, "/events") == 503
+        for one in opened:
+            one.close()
+            one.close_with.close()  # type: ignore[attr-defined]
+        for _ in range(200):
+            if messages_or_none(served):
+                break
+        assert messages(served, 1)[0]["whole"] is True
+
+
+def messages_or_none(served: Served) -> bool:
+    answer = asked(served, "/events")
+    answer.close_with.close()  # type: ignore[attr-defined]
+    return answer.status == 200
