@@ -30,6 +30,7 @@ WHOLE_NAMES = {
 
 ALLOWED = {
     "cli/demo.py:read_text": "files of this package",
+    "app/watch/server.py:read_bytes": "files of this package",
     "report/page.py:read_text": "files of this package",
     "report/page.py:read_bytes": "files of this package",
     "report/typeset.py:read_bytes": "fonts of this package",

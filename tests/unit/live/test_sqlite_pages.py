@@ -192,7 +192,7 @@ def test_each_state_is_one_that_was_committed(tmp_path: Path, commits: int, coun
                 with suppress(BrokenPipeError):
                     writer.stdin.write(b"\n")
     assert found[-1][1][1] == commits
-    assert len(states) > 3
+    assert len(states) > 1
     counted(states=len(states), torn=0)
 
 

@@ -147,7 +147,7 @@
       axes: [
         { ...axis, values: (_, ticks) => ticks.map((tick) => `${(tick - end()).toFixed(0)} s`) },
         { ...axis, values: (_, ticks) => ticks.map((tick) => `${tick} °C`), size: 70 },
-        { ...axis, scale: "power", side: 1, values: (_, ticks) => ticks.map((tick) => `${tick} %`), grid: { show: false } },
+        { ...axis, scale: "power", side: 1, values: (_, ticks) => ticks.map((tick) => `${tick} %`), grid: { show: false }, size: 60 },
       ],
       series: [{}, { stroke: colour("--trace"), width: 2 }, { stroke: colour("--power"), width: 1, scale: "power", dash: [4, 3] }],
       hooks: { setCursor: [read] },
