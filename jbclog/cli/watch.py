@@ -73,4 +73,4 @@ def _serve(path: Path, address: str, port: int, token: str | None) -> None:
     query = "" if token is None else f"?token={token}"
     note(f"watching {path} on http://{host}:{opened.getsockname()[1]}/{query}; Ctrl-C ends it")
     with opened, follow(path) as follower:
-        PageServer(follower.poll, Access(address, token)).run([opened])
+        PageServer(follower.poll, Access(address, token), path).run([opened])

@@ -27,6 +27,7 @@ from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from jbclog.app.watch.feed import Feed
+from jbclog.app.watch.past_runs import past_runs, report_of
 from jbclog.core.errors import JbclogError, UsageError
 from jbclog.core.text import json_line
 from jbclog.live import RunState
@@ -41,8 +42,12 @@ POLICY: Final = (
     "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
+OF_REPORT: Final = (
+    "sandbox allow-scripts allow-popups allow-modals; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data:; font-src data:; frame-ancestors 'none'"
+)
+"""The policy of a report: a file that may be anybody's has no origin here, and its own policy holds as well."""
 HEADERS: Final = (
-    (b"content-security-policy", POLICY.encode()),
     (b"x-content-type-options", b"nosniff"),
     (b"referrer-policy", b"no-referrer"),
     (b"cross-origin-resource-policy", b"same-origin"),
@@ -58,6 +63,8 @@ FILES: Final = {
     "/uplot.css": (UPLOT / "uPlot.min.css", "text/css"),
     "/uplot.js": (UPLOT / "uPlot.iife.min.js", "text/javascript"),
 }
+
+CSP: Final = b"content-security-policy"
 
 Source = Callable[[], RunState | None]
 Queue = asyncio.Queue[str | None]
@@ -121,7 +128,9 @@ class Guard:
 
         async def guarded(message: Message) -> None:
             if message["type"] == "http.response.start":
-                message["headers"] = [*message.get("headers", ()), *HEADERS]
+                headers = list(message.get("headers", ()))
+                has_policy = any(name == CSP for name, _ in headers)
+                message["headers"] = headers + list(HEADERS) + ([] if has_policy else [(CSP, POLICY.encode())])
             await send(message)
 
         answer = self._refusal(Request(scope)) or self._app
@@ -197,8 +206,8 @@ def _event(message: str) -> str:
     return f"data: {message}\n\n"
 
 
-def application(broadcast: Broadcast, access: Access) -> ASGIApp:
-    """Return the page as an ASGI application."""
+def application(broadcast: Broadcast, access: Access, path: Path) -> ASGIApp:
+    """Return the page of the run or folder at `path` as an ASGI application."""
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -211,9 +220,23 @@ def application(broadcast: Broadcast, access: Access) -> ASGIApp:
             return PlainTextResponse(f"{MOST_BROWSERS} browsers are connected already", 503)
         return StreamingResponse(broadcast.messages(), media_type="text/event-stream")
 
-    routes = [Route(path, _file(file, kind)) for path, (file, kind) in FILES.items()]
-    routes.append(Route("/favicon.ico", lambda _: Response(status_code=204)))
-    return Guard(Starlette(routes=[*routes, Route("/events", events)], lifespan=lifespan), access)
+    def runs(_: Request) -> Response:
+        try:
+            return Response(json_line(past_runs(path)), media_type="application/json")
+        except OSError as error:
+            return PlainTextResponse(f"the runs cannot be listed: {error.strerror or error}", 500)
+
+    def report(request: Request) -> Response:
+        try:
+            data = report_of(path, request.path_params["name"])
+        except OSError:
+            return PlainTextResponse("this run has no report; `jbclog report` writes it", 404)
+        return Response(data, media_type="text/html; charset=utf-8", headers={CSP.decode(): OF_REPORT})
+
+    routes = [Route(place, _file(file, kind)) for place, (file, kind) in FILES.items()]
+    routes += [Route("/favicon.ico", lambda _: Response(status_code=204)), Route("/events", events)]
+    routes += [Route("/runs", runs), Route("/runs/{name}", report)]
+    return Guard(Starlette(routes=routes, lifespan=lifespan), access)
 
 
 def _file(path: Path, kind: str) -> Callable[[Request], Response]:
@@ -238,9 +261,9 @@ def listening(address: str, port: int) -> socket.socket:
 class PageServer(uvicorn.Server):
     """Serves the page of a run; `run` takes a list with a socket of `listening`, and ends at SIGINT or SIGTERM."""
 
-    def __init__(self, source: Source, access: Access) -> None:
+    def __init__(self, source: Source, access: Access, path: Path) -> None:
         self._broadcast = Broadcast(source)
-        app = application(self._broadcast, access)
+        app = application(self._broadcast, access, path)
         config = uvicorn.Config(app, log_level="error", access_log=False, server_header=False, ws="none")
         config.timeout_graceful_shutdown = GRACE_S
         super().__init__(config)

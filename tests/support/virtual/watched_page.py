@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 from jbclog.app.watch.server import Access, PageServer, listening
 from jbclog.live import RunState
@@ -38,11 +39,11 @@ class Served:
 
 
 @contextmanager
-def page(answer: Answer, token: str | None = None, address: str = "127.0.0.1") -> Iterator[Served]:
+def page(answer: Answer, token: str | None = None, address: str = "127.0.0.1", path: Path = Path("none")) -> Iterator[Served]:
     served = Served(answer)
     with listening("127.0.0.1", 0) as opened:
         served.port = opened.getsockname()[1]
-        running = PageServer(served.source, Access(address, token))
+        running = PageServer(served.source, Access(address, token), path)
         thread = threading.Thread(target=running.run, args=([opened],), daemon=True)
         thread.start()
         end = time.monotonic() + TOLD_S
@@ -57,4 +58,4 @@ def page(answer: Answer, token: str | None = None, address: str = "127.0.0.1") -
 
 
 if __name__ == "__main__":
-    PageServer(live_states.run, Access("127.0.0.1", None)).run([listening("127.0.0.1", int(sys.argv[1]))])
+    PageServer(live_states.run, Access("127.0.0.1", None), Path("runs")).run([listening("127.0.0.1", int(sys.argv[1]))])

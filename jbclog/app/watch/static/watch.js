@@ -131,6 +131,27 @@
     }
   }
 
+  // -- runs of the folder ----------------------------------------------------------------------------------------------
+
+  async function showRuns() {
+    const list = find("runs");
+    if (!find("runs-part").open) return;
+    const answer = await fetch("runs");
+    list.replaceChildren();
+    if (!answer.ok) { make("li", list).textContent = await answer.text(); return; }
+    for (const run of await answer.json()) {
+      const item = make("li", list);
+      if (run.report) {
+        const link = make("a", item);
+        link.href = `runs/${encodeURIComponent(run.name)}`;
+        link.textContent = run.name;
+      } else item.append(run.name);
+      item.append(` · ${run.text}${run.report ? "" : " · no report"}`);
+    }
+    if (!list.children.length) make("li", list).textContent = "no run";
+  }
+  find("runs-part").addEventListener("toggle", showRuns);
+
   // -- a port in detail --------------------------------------------------------------------------------------------------
 
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();

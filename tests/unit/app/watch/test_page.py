@@ -13,6 +13,7 @@ import pytest
 
 from jbclog.core.rows import EventRow, Severity
 from jbclog.live import Condition, Coverage, Follower, NumberedEvent, PortState, RunState
+from jbclog.report.write import write_report
 from support import program
 from support.readers.browser import PROGRAM, Chromium, Page, chromium
 from support.records import live_states
@@ -120,6 +121,24 @@ def test_a_port_in_detail(browser: Chromium) -> None:
         opened.until("!document.getElementById('detail').open")
         assert opened.js("document.activeElement.textContent") == "Details"
         assert opened.said == []
+        opened.close()
+
+
+def test_runs_of_the_folder_lead_to_their_reports(browser: Chromium, tmp_path: Path) -> None:
+    ended = Recording(tmp_path)
+    ended.finalize()
+    write_report(ended.folder)
+    with page(live_states.run(), path=tmp_path) as served:
+        opened = seen(browser, served)
+        opened.click("summary")
+        opened.until("document.querySelectorAll('#runs a').length === 1")
+        assert text(opened, "#runs li") == f"{ended.folder.name} · ended · ACCEPT"
+        assert opened.said == []
+        opened.js("document.querySelector('#runs a').click()")
+        opened.until("document.querySelector('.verdict h1') !== null")
+        assert "ACCEPT" in text(opened, ".verdict h1")
+        assert opened.js("self.origin") == "null"
+        assert [one for one in opened.said if "sandbox" not in one] == []
         opened.close()
 
 

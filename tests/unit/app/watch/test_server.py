@@ -6,12 +6,14 @@ import http.client
 import json
 import socket
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 from jbclog.app.watch.server import FILES, MOST_BROWSERS, POLICY, Access, is_loopback, listening
 from jbclog.core.errors import RecordError, UsageError
 from support.records import live_states
+from support.records.live_rows import Recording
 from support.virtual.watched_page import Served, page
 
 TOKEN = "a-token-of-24-characters"
@@ -176,3 +178,45 @@ def messages_or_none(served: Served) -> bool:
     answer = asked(served, "/events")
     answer.close_with.close()  # type: ignore[attr-defined]
     return answer.status == 200
+
+
+def test_runs_and_their_reports(tmp_path: Path) -> None:
+    ended = Recording(tmp_path)
+    ended.finalize()
+    (ended.folder / "report.html").write_text("<p>the report</p>")
+    going = Recording(tmp_path, began_us=ended.began_us + 60_000_000)
+    for path in (tmp_path, ended.folder):
+        with page(None, path=path) as served:
+            answer = asked(served, "/runs")
+            listed = json.loads(answer.read())
+            answer.close_with.close()  # type: ignore[attr-defined]
+            assert listed == [
+                {"name": going.folder.name, "text": "open", "report": False},
+                {"name": ended.folder.name, "text": "ended · ACCEPT", "report": True},
+            ]
+            answer = asked(served, f"/runs/{ended.folder.name}")
+            assert answer.read() == b"<p>the report</p>"
+            answer.close_with.close()  # type: ignore[attr-defined]
+            (policy,) = answer.headers.get_all("Content-Security-Policy")
+            assert policy.startswith("sandbox allow-scripts")
+            assert "allow-same-origin" not in policy
+            for name in (going.folder.name, "notes", "..", "%2e%2e", f"{ended.folder.name}/manifest.json"):
+                assert code(served, f"/runs/{name}") in (404, 307)
+    going.abandon()
+
+
+def test_a_report_behind_a_link_is_not_served(tmp_path: Path) -> None:
+    recording = Recording(tmp_path)
+    recording.abandon()
+    (tmp_path / "secret").write_text("secret")
+    (recording.folder / "report.html").symlink_to(tmp_path / "secret")
+    other = tmp_path / recording.folder.name.replace("bench", "other")
+    other.symlink_to(recording.folder)
+    with page(None, path=tmp_path) as served:
+        assert code(served, f"/runs/{recording.folder.name}") == 404
+        assert code(served, f"/runs/{other.name}") == 404
+
+
+def test_runs_that_cannot_be_listed(tmp_path: Path) -> None:
+    with page(None, path=tmp_path / "none") as served:
+        assert code(served, "/runs") == 500
