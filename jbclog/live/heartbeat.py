@@ -18,14 +18,12 @@ class Heartbeat:
         self._commit_s: float | None = None
         self._base_s = 0.0  # the recorder's clock when `_commit_s` was seen first
         self._seen_at = clock.monotonic()
-        self._is_renewed = False
 
     def see(self, commit_s: float | None) -> None:
         if commit_s is None or commit_s == self._commit_s:
             return
-        self._is_renewed = self._commit_s is not None
         # of the first one only the wall clock says how old it is; a later one is new
-        self._base_s = commit_s if self._is_renewed else max(commit_s, self._clock.utc())
+        self._base_s = max(commit_s, self._clock.utc()) if self._commit_s is None else commit_s
         self._commit_s, self._seen_at = commit_s, self._clock.monotonic()
 
     @property
@@ -42,8 +40,9 @@ class Heartbeat:
 
     @property
     def is_alive(self) -> bool:
-        """Whether a commit was seen to happen just now; False does not mean that there was none."""
-        return self._is_renewed and self.waited_s < ALIVE_S
+        """Whether there was a commit just now; False does not mean that the recorder is dead."""
+        age = self.age_s
+        return age is not None and age < ALIVE_S
 
     def recorder_us(self) -> float | None:
         """Return the recorder's clock, UTC in µs; None before its first commit."""

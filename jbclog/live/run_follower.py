@@ -78,7 +78,7 @@ class RunFollower:
             if self._is_sealed and not self._is_from_parts:
                 self._read(None)  # sealed during the reading: the store may have lacked the end
             self._trouble = ""
-        except RecordError as error:
+        except (RecordError, OSError) as error:
             phase, text, self._trouble = Phase.UNREADABLE, str(error), str(error)
         return self._view().state(phase, text)
 
@@ -118,11 +118,7 @@ class RunFollower:
         self._read_manifest()  # after the lock: a run is sealed before its lock is released
         if self._is_sealed:
             return Phase.FINALIZED, "The run has ended and is finalized."
-        if not is_alive:
-            if self._heartbeat.age_s is not None or self._heartbeat.waited_s >= STARTING_S or self._manifest is not None:
-                return Phase.CRASHED, CRASHED
-            return Phase.STARTING, STARTING
-        return self._phase_of_lock()
+        return self._phase_of_lock() if is_alive else (Phase.CRASHED, CRASHED)
 
     def _phase_of_lock(self) -> tuple[Phase, str]:
         """Return the phase of a run whose recorder lives."""
@@ -136,8 +132,11 @@ class RunFollower:
         return Phase.DELAYED, f"No commit for {age:.0f} s: the disk or the recorder is delayed."
 
     def _is_recorder_alive(self) -> bool:
+        """Test the lock only where nothing else shows it: even a test is a lock for a moment."""
+        if self._heartbeat.is_alive or (self._heartbeat.age_s is None and self._heartbeat.waited_s < STARTING_S):
+            return True
         try:
-            return self._heartbeat.is_alive or is_held(self.folder)
+            return is_held(self.folder)
         except OSError as error:
             raise RecordError(f"{self.folder}: its lock cannot be read: {error.strerror or error}") from error
 

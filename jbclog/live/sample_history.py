@@ -57,7 +57,7 @@ class PortHistory:
         if not self.points:
             return Trace()
         seconds, temperatures, powers = zip(*self.points, strict=True)
-        return Trace(tuple(round(one - seconds[-1], 3) for one in seconds), temperatures, powers, seconds[-1])
+        return Trace(seconds, temperatures, powers)
 
 
 class SampleHistory:

@@ -70,15 +70,19 @@ class Coverage:
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """The last minute of a port: seconds before its newest row (0 or negative), and the values there; None: not read.
+    """The last minute of a port: seconds on the run's grid, and the values there; None: not read.
 
-    `last_s`: the newest row on the run's grid, in seconds; it goes back only where the clock of a run without a grid was set.
+    Seconds go back only where the clock of a run without a grid was set; the trace then begins anew.
     """
 
     seconds: tuple[float, ...] = ()
     temperature_c: tuple[float | None, ...] = ()
     power_permille: tuple[float | None, ...] = ()
-    last_s: float = 0.0
+
+    @property
+    def last_s(self) -> float:
+        """The newest row; 0.0 without rows."""
+        return self.seconds[-1] if self.seconds else 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -72,6 +72,7 @@ class RunView:
 
     def _station(self, facts: StationFacts, phase: Phase) -> StationState:
         ports = sorted({*facts.ports, *(port for name, port in self.samples.ports if name == facts.name)})
+        ages = self._ages(facts)
         return StationState(
             name=facts.name,
             family=facts.family,
@@ -81,16 +82,15 @@ class RunView:
             rate_hz=facts.rate_hz,
             recipe=facts.recipe,
             problems=self.events.problems((facts.name, None)),
-            ports=tuple(self._port(facts, port, phase) for port in ports),
+            ports=tuple(self._port(facts, port, phase, ages) for port in ports),
             settings=self.settings.settings(facts.name),
             counters=self.settings.counters(facts.name),
         )
 
-    def _port(self, facts: StationFacts, number: int, phase: Phase) -> PortState:
+    def _port(self, facts: StationFacts, number: int, phase: Phase, ages: _Ages) -> PortState:
         place = facts.name, number
         history = self.samples.ports.get(place, PortHistory())
         is_live = phase is Phase.RECORDING and facts.outcome == StationOutcome.RUNNING
-        ages = self._ages(facts)
         readings = {column: ages.reading(history, column, is_live=is_live) for column in {*history.values, *history.failures}}
         if facts.signals and MAIN not in facts.signals:
             readings.setdefault(MAIN, NOT_SUPPORTED)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from typing import Final
 
 from jbclog.app.watch import words
@@ -80,15 +81,14 @@ def _points(trace: Trace, sent_s: float | None) -> Json:
     first = 0 if is_new or sent_s is None else _first_after(trace, sent_s)
     return {
         "begin": is_new,
-        "seconds": [round(trace.last_s + one, 3) for one in trace.seconds[first:]],
+        "seconds": [round(one, 3) for one in trace.seconds[first:]],
         "temperature": trace.temperature_c[first:],
         "power": [None if one is None else one / 10 for one in trace.power_permille[first:]],
     }
 
 
 def _first_after(trace: Trace, sent_s: float) -> int:
-    after = (place for place, one in enumerate(trace.seconds) if trace.last_s + one > sent_s + 5e-4)  # they have three decimals
-    return next(after, len(trace.seconds))
+    return bisect_right(trace.seconds, sent_s + SAME_S)
 
 
 def _station(station: StationState) -> Json:

@@ -28,8 +28,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from jbclog.app.watch.feed import Feed
 from jbclog.app.watch.past_runs import past_runs, report_of
-from jbclog.core.errors import JbclogError, UsageError
-from jbclog.core.text import json_line
+from jbclog.core.errors import JbclogError, UsageError, unexpected_error_text
+from jbclog.core.text import clean, json_line
 from jbclog.live import RunState
 
 EVERY_S: Final = 0.5
@@ -171,7 +171,9 @@ class Broadcast:
         try:
             return self.feed.change(self.source())
         except JbclogError as error:
-            return json_line({"trouble": str(error)})
+            return json_line({"trouble": clean(str(error))})
+        except Exception as error:  # shown, and tried again
+            return json_line({"trouble": f"internal error, {unexpected_error_text(error)}"})
 
     def _hand_out(self, message: str) -> None:
         for queue in list(self.browsers):

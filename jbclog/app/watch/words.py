@@ -176,15 +176,19 @@ def _means(trace: Trace, width: int) -> list[float | None]:
     stretches: list[list[float]] = [[] for _ in range(max(width, 1))]
     for seconds, value in zip(trace.seconds, trace.temperature_c, strict=True):
         if value is not None:
-            place = int((seconds + TRACE_S) / TRACE_S * len(stretches))
-            stretches[min(max(place, 0), len(stretches) - 1)].append(value)
+            stretches[_place(seconds - trace.last_s, len(stretches))].append(value)
     means = [sum(values) / len(values) if values else None for values in stretches]
     return _without_thin_gaps(means, trace)
 
 
+def _place(before_s: float, width: int) -> int:
+    """Return the stretch, of `width`, in which a row lies that came so many seconds (negative) before the newest one."""
+    return min(max(int((before_s + TRACE_S) / TRACE_S * width), 0), width - 1)
+
+
 def _without_thin_gaps(means: list[float | None], trace: Trace) -> list[float | None]:
     """Fill stretches that are blank only because they are shorter than the distance of two rows."""
-    rows = {min(max(int((seconds + TRACE_S) / TRACE_S * len(means)), 0), len(means) - 1) for seconds in trace.seconds}
+    rows = {_place(seconds - trace.last_s, len(means)) for seconds in trace.seconds}
     first = min(rows, default=len(means))
     filled: list[float | None] = []
     for place, mean in enumerate(means):

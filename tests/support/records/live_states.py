@@ -36,8 +36,8 @@ def stale(value: float) -> Reading:
     return Reading(value, 95.0, None, is_stale=True)
 
 
-def trace(depth: float = 0.0, gap: range = range(0)) -> Trace:
-    seconds = tuple(round(-60 + number / 10, 1) for number in range(601))
+def trace(depth: float = 0.0, gap: range = range(0), last_s: float = 100.0) -> Trace:
+    seconds = tuple(round(last_s - 60 + number / 10, 1) for number in range(601))
     values = [350 - depth * max(math.sin(number / 40), 0) for number in range(601)]
     return Trace(seconds, tuple(None if number in gap else value for number, value in enumerate(values)), (100,) * 601)
 

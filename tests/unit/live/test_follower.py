@@ -20,8 +20,11 @@ from jbclog.core.errors import RecordError
 from jbclog.core.locks import commit_status
 from jbclog.live import Condition, Follower, Phase, RunState, follow
 from jbclog.live.follower import current_run
+from jbclog.record.folder import create_run
 from jbclog.record.manifest import Manifest, write_manifest
+from jbclog.record.recover import recover
 from support import program
+from support.records.few_rows import vanish
 from support.records.live_rows import NAME, PERIOD_S, Recording
 
 WAIT_S = 60.0
@@ -97,7 +100,8 @@ def test_a_run_as_it_is_recorded(recording: Recording, follower: Follower) -> No
     assert port.temperature.age_s < 2
     assert (port.coverage.due, port.coverage.obtained, port.coverage.is_whole) == (31, 31, True)
     assert port.trace.temperature_c == (350,) * 30 + (347,)
-    assert port.trace.seconds[-3:] == (-0.2, -0.1, 0)
+    assert port.trace.seconds[-3:] == pytest.approx((2.8, 2.9, 3.0))
+    assert port.trace.last_s == pytest.approx(3.0)
     assert [one.event.kind for one in run.events] == ["unit.begin"]
 
 
@@ -392,6 +396,49 @@ def test_a_run_of_a_newer_jbclog_is_not_read(recording: Recording, follower: Fol
     assert "written with schema 99" in run.text
 
 
+def test_recording_continues_in_a_new_file(recording: Recording, follower: Follower) -> None:
+    """As after an error of input or output; a batch that was not acknowledged is in both files."""
+    recording.rows(10)
+    recording.commit()
+    whole(follower)
+    for _ in range(2):
+        recording.rows(10)
+        recording.store._buffer.take()
+        backlog = list(recording.store._buffer.backlog)
+        everything = recording.store._meta()
+        recording.store._writer.add(backlog, everything, everything)
+        recording.store._writer._move(backlog, everything)
+        recording.commit()
+        assert polled(follower).ports[0].coverage.due == whole(follower).ports[0].coverage.due
+    assert (recording.folder / "live-2.sqlite").exists()
+    assert whole(follower).ports[0].coverage.due == 30
+    with Follower(recording.folder) as late:
+        assert whole(late).ports[0].coverage.due == 30
+
+
+def test_a_crashed_run_is_recovered_while_it_is_watched(recording: Recording, follower: Follower, clock: LaterClock) -> None:
+    recording.rows(10)
+    recording.commit()
+    whole(follower)
+    vanish(recording.store)
+    polled(follower)
+    clock.ahead_s = 5.0
+    assert polled(follower).phase is Phase.CRASHED
+    recover(recording.folder)
+    run = whole(follower)
+    assert (run.phase, run.exit_status, run.ports[0].coverage.due) == (Phase.FINALIZED, "lost", 10)
+
+
+def test_a_run_that_begins(tmp_path: Path, clock: LaterClock) -> None:
+    folder = create_run(tmp_path, "bench", time.time())
+    with Follower(tmp_path, clock) as follower:
+        assert polled(follower).phase is Phase.STARTING
+        write_manifest(folder, Manifest(folder.name))
+        assert polled(follower).phase is Phase.STARTING
+        clock.ahead_s = 10.0
+        assert polled(follower).phase is Phase.CRASHED  # nobody holds it
+
+
 # -- the recorder does not notice ------------------------------------------------------------------------------------------
 
 
@@ -418,6 +465,16 @@ def wait_for(follower: Follower, phase: Phase) -> RunState:
         assert time.monotonic() < end, state
         time.sleep(0.1)
     return state
+
+
+def test_the_lock_of_a_live_recorder_is_not_even_tested(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("jbclog.live.run_follower.is_held", lambda _: pytest.fail("tested"))
+    recording.rows(1)
+    recording.commit()
+    with Follower(recording.out) as follower:
+        for _ in range(3):
+            assert polled(follower).phase is Phase.RECORDING
+            recording.commit()
 
 
 def open_files(folder: Path) -> set[str]:

@@ -146,7 +146,7 @@ def test_a_trace_grows_and_old_points_leave(browser: Chromium) -> None:
     run = live_states.run()
 
     def at(last_s: float) -> RunState:
-        one = replace(run.ports[0], trace=replace(live_states.trace(), last_s=last_s))
+        one = replace(run.ports[0], trace=live_states.trace(last_s=last_s))
         return replace(run, stations=(replace(run.stations[0], ports=(one,)),))
 
     with page(at(100.0)) as served:
@@ -251,7 +251,7 @@ def many(tick: int, ports: int = 16) -> RunState:
             (),
             (),
             Coverage(tick, tick, is_whole=True),
-            replace(live_states.trace(), last_s=tick / 2),
+            live_states.trace(last_s=tick / 2),
         )
         for number in range(1, ports + 1)
     )

@@ -155,6 +155,8 @@ def test_no_run_and_trouble_are_messages() -> None:
         assert messages(served, 1)[0]["run"] == "no run yet"
         served.answer = RecordError("the disk is away")
         assert messages(served, 3)[-1] == {"trouble": "the disk is away"}
+        served.answer = ValueError("a mistake of ours")
+        assert "internal error" in str(messages(served, 3)[-1]["trouble"])
         served.answer = live_states.run()
         assert messages(served, 3)[-1]["folder"] == "20261123T060000Z-bench-3-k7qd"
 
