@@ -188,11 +188,12 @@ def test_each_state_is_one_that_was_committed(tmp_path: Path, commits: int, coun
                 is_running = writer.poll() is None
                 found = pages.snapshot(read_all)
                 expect_one_commit(found)
-                states.update(number for number, _ in found[-1:])
-                with suppress(BrokenPipeError):
-                    writer.stdin.write(b"\n")
+                if found and found[-1][0] not in states:
+                    states.add(found[-1][0])
+                    with suppress(BrokenPipeError):
+                        writer.stdin.write(b"\n")
     assert found[-1][1][1] == commits
-    assert len(states) > 1
+    assert len(states) >= commits // 30
     counted(states=len(states), torn=0)
 
 
