@@ -557,3 +557,43 @@ def test_a_user_without_write_permission_can_follow(recording: Recording) -> Non
             os._exit(0 if polled(follower).ports[0].condition is Condition.NORMAL else 3)
         os._exit(4)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+FOLLOWING = """
+import sys
+from jbclog.live import follow
+with follow(sys.argv[1]) as follower:
+    for run in follower.stream(0.0):
+        if run.ports:
+            print("follows", flush=True)
+            break
+    for run in follower.stream(0.0):
+        if run.ports[0].coverage.due >= int(sys.argv[2]) and run.is_whole:
+            break
+    print(run.ports[0].coverage.due, len(run.events), run.problems)
+"""
+
+
+def test_ten_followers_see_every_row_and_the_log_stays_bounded(recording: Recording) -> None:
+    commits = 200
+    recording.rows(1)
+    recording.commit()
+    command = [sys.executable, "-c", FOLLOWING, str(recording.folder), str(commits + 1)]
+    followers = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(10)]
+    try:
+        for one in followers:
+            assert one.stdout is not None
+            assert one.stdout.readline() == "follows\n"
+        for _ in range(commits):
+            recording.rows(1, reasons=f"status={secrets.token_hex(50_000)}")
+            recording.event("host.busy", "late")
+            recording.commit()
+        size = (recording.folder / "live.sqlite-wal").stat().st_size
+        ended = [one.communicate(timeout=200) for one in followers]
+    finally:
+        for one in followers:
+            one.kill()
+            one.communicate()
+    assert ended == [(f"{commits + 1} {commits} ()\n", "")] * 10
+    assert size < 6 << 20
+    assert recording.store.failure is None
