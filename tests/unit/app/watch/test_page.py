@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
+import axe_core_python
 import pytest
 
 from jbclog.core.rows import EventRow, Severity
@@ -205,6 +206,23 @@ def test_words_for_those_who_hear_the_page(browser: Chromium) -> None:
         assert {("button", "Details of dde-1 port 1 T210"), ("region", "Ports"), ("heading", "dde-1 port 1 T210")} <= names
         assert {role for role, name in names if role in ("button", "combobox") and not name} == set()
         assert any(role == "status" for role, _ in names)
+        opened.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_no_fault(browser: Chromium, scheme: str) -> None:
+    axe = Path(axe_core_python.__file__).with_name("axe.min.js").read_text(encoding="utf-8")
+    with page(live_states.run()) as served:
+        opened = browser.page(1280, 900)
+        opened.ask("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
+        opened.visit(served.address)
+        opened.until("document.querySelectorAll('article').length > 0")
+        opened.js(f"{axe};0")
+        for prepare in ("0", "document.querySelector('article button').click()"):
+            opened.js(prepare)
+            opened.settle()
+            found = "axe.run().then(found => found.violations.map(one => `${one.impact}: ${one.help}: ${one.nodes[0].html}`))"
+            assert opened.js(found) == []
         opened.close()
 
 
