@@ -20,9 +20,11 @@ from jbclog.core.errors import RecordError
 from jbclog.core.locks import commit_status
 from jbclog.live import Condition, Follower, Phase, RunState, follow
 from jbclog.live.follower import current_run
+from jbclog.live.store_follower import StoreFollower
 from jbclog.record.folder import create_run
 from jbclog.record.manifest import Manifest, write_manifest
 from jbclog.record.recover import recover
+from jbclog.record.seal import seal_rows
 from support import program
 from support.records.few_rows import vanish
 from support.records.live_rows import NAME, PERIOD_S, Recording
@@ -254,6 +256,19 @@ def test_a_damaged_batch_is_named_and_the_others_are_shown(recording: Recording)
     assert run.ports[0].coverage.due == 3
 
 
+def test_damaged_facts_are_named_and_not_believed(recording: Recording) -> None:
+    recording.facts.model = "DDE_01"
+    recording.store.facts(recording.facts)
+    recording.rows(1)
+    recording.close()
+    path = recording.folder / "live.sqlite"
+    path.write_bytes(path.read_bytes().replace(b"DDE_01", b"DDE_99"))
+    with Follower(recording.folder) as follower:
+        run = whole(follower)
+    assert "Damaged: note 'dde-1': its check sum does not match" in run.problems
+    assert [station.model for station in run.stations] == [None]
+
+
 # -- from the beginning to the end -----------------------------------------------------------------------------------------
 
 
@@ -292,6 +307,38 @@ def test_hourly_sealing_changes_nothing(recording: Recording, follower: Follower
     assert len(run.events) == 3
 
 
+def test_rows_in_a_part_and_still_in_the_store_count_once(recording: Recording) -> None:
+    """As between the completion of a part and the deletion of its batches."""
+    recording.rows(10)
+    recording.event("host.busy", "late")
+    recording.commit()
+    seal_rows(recording.folder)
+    recording.rows(5)
+    recording.commit()
+    with Follower(recording.folder) as follower:
+        run = whole(follower)
+    assert run.ports[0].coverage.due == 15
+    assert len(run.events) == 1
+
+
+def test_a_run_that_is_finalized_during_a_poll(recording: Recording, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording.rows(20)
+    recording.commit()
+    plain = StoreFollower.refresh
+
+    def refresh(store: StoreFollower, through: int | None) -> list[tuple[int, str]]:
+        found = plain(store, through)
+        monkeypatch.undo()
+        recording.rows(15)
+        recording.finalize()
+        return found[:-1]
+
+    with Follower(recording.folder) as follower:
+        monkeypatch.setattr(StoreFollower, "refresh", refresh)
+        run = polled(follower)
+    assert (run.phase, run.is_whole, run.ports[0].coverage.due) == (Phase.FINALIZED, True, 35)
+
+
 def test_a_follower_that_was_stopped_over_a_sealing_misses_nothing(recording: Recording, follower: Follower) -> None:
     recording.rows(10)
     recording.commit()
@@ -309,7 +356,7 @@ def test_a_follower_that_was_stopped_over_a_sealing_misses_nothing(recording: Re
 
 def test_long_runs_are_read_in_pieces(recording: Recording, clock: LaterClock) -> None:
     for _ in range(150):
-        recording.rows(2)
+        recording.rows(2, temperature_c=300)
         recording.commit()
     recording.seal_part()
     for _ in range(120):
@@ -319,6 +366,7 @@ def test_long_runs_are_read_in_pieces(recording: Recording, clock: LaterClock) -
         first = polled(follower)
         assert first.ports[0].temperature.value == 350
         run = whole(follower)
+    assert run.ports[0].temperature.value == 350  # older rows are read later, and stay older
     assert run.ports[0].coverage.due == 420
     assert run.ports[0].coverage.is_whole
 

@@ -150,6 +150,22 @@ def test_a_page_that_a_checkpoint_changes_during_the_reading_is_read_again(tmp_p
         assert pages.snapshot(read) == {"new"}
 
 
+def test_a_commit_with_a_torn_frame_is_none(tmp_path: Path) -> None:
+    """What SQLite itself takes for not written, after a crash."""
+    path, copy = tmp_path / "t.sqlite", tmp_path / "copy.sqlite"
+    with closing(made(path, "before")) as db:
+        db.execute("INSERT INTO t (value) VALUES ('after')")
+        log = bytearray(path.with_name("t.sqlite-wal").read_bytes())
+        data = path.read_bytes()
+    for at, expected in ((None, ["before", "after"]), (len(log) - 1, ["before"]), (len(log) - 4096, ["before"])):
+        changed = bytearray(log)
+        if at is not None:
+            changed[at] ^= 1
+        copy.write_bytes(data)
+        copy.with_name("copy.sqlite-wal").write_bytes(changed)
+        assert [value for _, (_, value) in read_once(copy)] == expected
+
+
 def test_a_database_that_is_closed_and_opened_again(tmp_path: Path) -> None:
     path = tmp_path / "t.sqlite"
     made(path, 1).close()
