@@ -275,8 +275,11 @@ def test_no_other_child_of_the_recorder_has_the_pipe(guard: GuardProcess) -> Non
     """While any process has its writing end the recorder's death would not be seen."""
     assert not os.get_inheritable(guard._pipe)
     pipe = os.readlink(f"/proc/self/fd/{guard._pipe}")  # noqa: PTH115  # no file
-    child = subprocess.Popen([sys.executable, "-S", "-c", "input()"], stdin=subprocess.PIPE)
+    command = [sys.executable, "-S", "-c", "print(flush=True); input()"]
+    child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     try:
+        assert child.stdout is not None
+        child.stdout.readline()  # it has begun: until then it closes descriptors
         held = [os.readlink(entry.path) for entry in os.scandir(f"/proc/{child.pid}/fd")]  # noqa: PTH115
         assert pipe not in held
     finally:
