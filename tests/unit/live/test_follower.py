@@ -334,6 +334,7 @@ def test_a_run_that_is_finalized_during_a_poll(recording: Recording, monkeypatch
         return found[:-1]
 
     with Follower(recording.folder) as follower:
+        whole(follower)
         monkeypatch.setattr(StoreFollower, "refresh", refresh)
         run = polled(follower)
     assert (run.phase, run.is_whole, run.ports[0].coverage.due) == (Phase.FINALIZED, True, 35)
