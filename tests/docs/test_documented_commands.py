@@ -143,10 +143,32 @@ def test_auditing_a_line(bench: Path) -> None:
 # -- snippets ---------------------------------------------------------------------------------------------------------------
 
 
+SNIPPETS = {
+    page.name: block for page in DOCS.rglob("*.md") for block in blocks("python", page.read_text(encoding="utf-8"))
+}  # one a page
+
+
+def test_there_are_no_other_snippets() -> None:
+    assert set(SNIPPETS) == {"read-a-run.md", "watch.md"}
+
+
+def test_the_snippet_of_the_live_view_runs_on_a_demo(demo: Demo, tmp_path: Path) -> None:
+    (tmp_path / "runs").symlink_to(demo.place / "demo-runs")
+    command = [sys.executable, "-W", "error", "-u", "-c", SNIPPETS["watch.md"]]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as watching:
+        assert watching.stdout is not None
+        shown = [watching.stdout.readline().split()[:3] for _ in range(6)]
+        watching.kill()
+    assert sorted(place[0] for place in shown) == ["ale-1", "dde-1", "dde-1", "dde-2", "dde-2", "ucr-1"]
+
+
 def test_the_python_snippet_runs_on_a_demo(demo: Demo) -> None:
-    (snippet,) = (block for page in DOCS.rglob("*.md") for block in blocks("python", page.read_text(encoding="utf-8")))
     done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", snippet], cwd=demo.place, capture_output=True, text=True, check=False
+        [sys.executable, "-W", "error", "-c", SNIPPETS["read-a-run.md"]],
+        cwd=demo.place,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     assert "REJECT ['dde-1', 'dde-2', 'ucr-1', 'ale-1']" in done.stdout
