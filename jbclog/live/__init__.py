@@ -1,7 +1,6 @@
 """Follows a run while it is recorded, from outside: without a lock, without writing, from any moment on.
 
-Start with `follow`. What it gives is described in `states.py`; `store_follower.py` reads the live store, `view.py` has the rules
-for what counts as known and as normal. This package is public: `jbclog.live`.
+Start with `follow`. What it gives is described in `states.py`; `view.py` has the rules for what counts as known and as normal.
 """
 
 from jbclog.live.follower import Follower, follow
