@@ -19,7 +19,7 @@ SHORTEST: Final = 16  # characters of a token
 
 @reports_errors
 def watch(
-    path: Path = typer.Argument(Path("runs"), metavar="[RUN|DIR]", help="A run, or a folder of runs: its newest one."),
+    path: Path = typer.Argument(Path("runs"), metavar="RUN|DIR", help="A run, or a folder of runs: its newest one."),
     web: bool = typer.Option(False, "--web", help="Serve a page instead of using the terminal."),
     port: int = typer.Option(8765, metavar="PORT", min=0, max=65535, help="TCP port of the page; 0 takes a free one."),
     address: str = typer.Option("127.0.0.1", metavar="ADDRESS", help="Address of the page; others than loopback need a token."),
