@@ -207,13 +207,13 @@ def test_leases_told_to_one_that_had_not_begun_to_watch_are_kept(tmp_path: Path)
     """A guard that replaces another one, and whose recorder dies before it is there: the leases are in its pipe."""
     code = "import os, pathlib, sys; sys.path[:0] = sys.argv[2:]; from support.faults.guarded import guard_process; "
     code += "guard = guard_process(pathlib.Path(sys.argv[1])); "
-    code += "guard.stdin.write(sys.stdin.buffer.read()); guard.stdin.flush(); os._exit(0)"
+    code += "guard.stdin.write(sys.stdin.buffer.read()); guard.stdin.flush(); print(guard.pid, flush=True); os._exit(0)"
     (tmp_path / "live.lock").touch()
     support = str(Path(__file__).parents[2])
     command = [sys.executable, "-c", code, str(tmp_path), support]
-    subprocess.run(command, input=UNKNOWN.to_json().encode() + b"\n", check=True, timeout=200)
+    done = subprocess.run(command, input=UNKNOWN.to_json().encode() + b"\n", check=True, timeout=200, stdout=subprocess.PIPE)
     assert until(lambda: (tmp_path / "guard.jsonl").exists() and "guard.took_over" in (tmp_path / "guard.jsonl").read_text(), 60)
-    (tmp_path / LEASE).unlink(missing_ok=True)  # so that it does not go on trying; it may not have come to writing it
+    os.kill(int(done.stdout), signal.SIGKILL)  # else it goes on trying for ten minutes
 
 
 # -- replaced ------------------------------------------------------------------------------------------------------------------
