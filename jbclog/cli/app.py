@@ -3,48 +3,102 @@
 from __future__ import annotations
 
 import os
-from typing import Final
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+from typing import Any, Final
 
 import typer
+from typer.main import get_command
 
 from jbclog import __version__
-from jbclog.cli.alarms import alarms
-from jbclog.cli.annotate import annotate
-from jbclog.cli.audit import audit
-from jbclog.cli.batch import batch
-from jbclog.cli.chart import chart
-from jbclog.cli.check import check
-from jbclog.cli.compare import compare
-from jbclog.cli.demo import demo
-from jbclog.cli.doctor import doctor
-from jbclog.cli.help import ANALYSE, MAINTAIN, RECORD, STATIONS, Program, Verb
-from jbclog.cli.init import init
-from jbclog.cli.limits import limits
-from jbclog.cli.maintenance import maintenance
-from jbclog.cli.names import ReadCommand, WriteCommand
-from jbclog.cli.plan import plan
-from jbclog.cli.read import read
-from jbclog.cli.recover import recover
-from jbclog.cli.replay import replay
-from jbclog.cli.report import report
-from jbclog.cli.run import run
-from jbclog.cli.runs import runs
-from jbclog.cli.safe import safe
-from jbclog.cli.scan import scan
-from jbclog.cli.sim import sim
+from jbclog.cli.help import Program, Verb
 from jbclog.cli.streams import make_usable
-from jbclog.cli.trend import trend
-from jbclog.cli.verify import verify
-from jbclog.cli.watch import watch
-from jbclog.cli.where_used import where_used
-from jbclog.cli.write import write
 from jbclog.core.outcome import Exit
 
 NO_MEMORY: Final = b"jbclog: memory was refused; `jbclog recover` finishes the record\n"
 
+COMMANDS: Final = {
+    "Record": {
+        "demo": "Demonstrate a run on four virtual stations, recipe to report.",
+        "plan": "Show what a run would write, and which rate fits.",
+        "run": "Apply a recipe, confirm every setting, and record.",
+        "watch": "Watch a run while it is recorded.",
+        "batch": "Run a queue of jobs on the stations of a line.",
+        "safe": "Put every tool of a line in its safe state, now.",
+        "recover": "Finish runs that a crash left open.",
+        "replay": "Replay a run recorded with --wire, or reproduce it.",
+    },
+    "Stations": {
+        "init": "Write a first line file and recipe, by questions.",
+        "sim": "Serve a line's stations as virtual ones, until Ctrl-C.",
+        "scan": "Find stations and their link settings.",
+        "doctor": "Diagnose this machine's setup and suggest fixes.",
+        "read": "Read one value of a station, or all.",
+        "write": "Write one setting by name and read it back.",
+    },
+    "Analyse": {
+        "runs": "Find runs by operator, order, unit, time, verdict and more.",
+        "report": "Write a run's report: page, PDF to sign, JSON and tables.",
+        "check": "Check a run's integrity.",
+        "alarms": "Show a run's alarms as episodes, or acknowledge one.",
+        "annotate": "Add a permanent note to a sealed run.",
+        "compare": "Compare two runs side by side.",
+        "trend": "Show a metric over many runs: control chart, capability.",
+        "chart": "Show control charts and capability within a run or over runs.",
+        "limits": "Learn fixed control limits from stable runs, or show them.",
+    },
+    "Maintain": {
+        "verify": "Record a tip verification against an external thermometer.",
+        "where-used": "List the runs that used a tip since its last pass.",
+        "audit": "Read the counters and report which maintenance is due.",
+        "maintenance": "Record maintenance done on a station, or list it.",
+    },
+}
+"""Groups of commands, with the first sentence of each: `--help` loads none of them."""
+
+
+class Commands(Mapping[str, Any]):
+    """The commands by their names; each is loaded when it is looked up."""
+
+    def __init__(self) -> None:
+        self._loaded: dict[str, Any] = {}
+        self._names = [name for group in COMMANDS.values() for name in group]
+
+    def __getitem__(self, name: str) -> Any:
+        if name not in self._names:
+            raise KeyError(name)
+        if name not in self._loaded:
+            self._loaded[name] = _load(name)
+        return self._loaded[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+
+def _load(name: str) -> Any:
+    """Return the command `name`: the function of that name in the module of that name."""
+    word = name.replace("-", "_")
+    module = import_module(f"jbclog.cli.{word}")
+    alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
+    alone.command(name, cls=getattr(module, "COMMAND_CLASS", Verb))(getattr(module, word))
+    return get_command(alone)
+
+
+class Jbclog(Program):
+    """The program."""
+
+    def __init__(self, **attributes: Any) -> None:
+        super().__init__(**attributes)
+        self.commands = Commands()  # type: ignore[assignment]  # nothing is added to it
+        self.groups = COMMANDS
+
+
 app = typer.Typer(
     name="jbclog",
-    cls=Program,
+    cls=Jbclog,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
@@ -66,20 +120,6 @@ def _version(is_set: bool) -> None:
 def _main(
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Show the version and exit."),
 ) -> None: ...
-
-
-COMMANDS: Final = {
-    RECORD: (demo, plan, run, watch, batch, safe, recover, replay),
-    STATIONS: (init, sim, scan, doctor, read, write),
-    ANALYSE: (runs, report, check, alarms, annotate, compare, trend, chart, limits),
-    MAINTAIN: (verify, where_used, audit, maintenance),
-}
-SPECIAL: Final[dict[str, type[Verb]]] = {"read": ReadCommand, "write": WriteCommand}
-
-for group, verbs in COMMANDS.items():
-    for verb in verbs:
-        name = verb.__name__.replace("_", "-")
-        app.command(name, cls=SPECIAL.get(name, Verb), rich_help_panel=group)(verb)
 
 
 def main() -> None:

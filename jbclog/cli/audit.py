@@ -150,7 +150,7 @@ def _audited(
     from jbclog.app.audit.run_audit import audit_lines, fleet_audit
     from jbclog.app.audit.survey import AT_ONCE
     from jbclog.cli.audit_end import End
-    from jbclog.transport.event_loop import Signals
+    from jbclog.transport.signals import Signals
 
     received: list[signal.Signals] = []
 

@@ -86,7 +86,7 @@ def batch(
 def _carry_out(executor: BatchExecutor, shown: Lines) -> int:
     """Run the batch and return its exit code. A later signal does not cut off the summary."""
     from jbclog.app.run.runner import heard
-    from jbclog.transport.event_loop import Signals
+    from jbclog.transport.signals import Signals
 
     with Signals(heard(), stay_ignored=True) as signals:
         signals.notify(executor.interrupt)

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from typer.core import TyperCommand, TyperGroup
 
-RECORD, STATIONS, ANALYSE, MAINTAIN = "Record", "Stations", "Analyse", "Maintain"
-
 
 class Program(TyperGroup):
-    """The program, with its commands listed in the groups that `rich_help_panel` names."""
+    """A program with its commands listed in `groups`: their names, and a sentence on each."""
+
+    groups: Mapping[str, Mapping[str, str]]
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Return the names without loading the commands."""
+        return list(self.commands)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """Write one section for each group, in the order of their first commands."""
+        """Write one section for each group."""
         width = max(map(len, self.commands))
-        sections: dict[str, list[tuple[str, str]]] = {}
-        for name, command in self.commands.items():
-            row = name.ljust(width), command.get_short_help_str(formatter.width - 6 - width)
-            sections.setdefault(str(getattr(command, "rich_help_panel", "")), []).append(row)
-        for heading, rows in sections.items():
+        for heading, sentences in self.groups.items():
             with formatter.section(heading):
-                formatter.write_dl(rows)
+                formatter.write_dl([(name.ljust(width), sentence) for name, sentence in sentences.items()])
 
 
 class Verb(TyperCommand):

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.names import complete_signal
+from jbclog.cli.names import ReadCommand, complete_signal
 from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import StartRefused, UsageError
 
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from jbclog.session.manual.read import ReadResult
 
 NAME_WIDTH = 40
+
+COMMAND_CLASS = ReadCommand  # `app.py` makes the command of it
 
 
 @reports_errors

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.names import complete_setting, complete_station, complete_value
+from jbclog.cli.names import WriteCommand, complete_setting, complete_station, complete_value
 from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.cli.streams import never_wait
 from jbclog.core.errors import UsageError
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from jbclog.session.manual.contact import Target
     from jbclog.session.manual.danger import Snapshot
     from jbclog.session.manual.write import WriteRequest
+
+COMMAND_CLASS = WriteCommand  # `app.py` makes the command of it
 
 
 @reports_errors

@@ -53,7 +53,8 @@ def test_help_ends_with_an_example_that_could_be_typed(verb: str) -> None:
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_the_list_of_verbs_shows_each_first_sentence_whole(verb: str) -> None:
-    assert HELP[verb].splitlines()[0] in shown_here("--help").stdout
+    """The list is a table of its own, so that `--help` loads no command."""
+    assert re.search(rf"^  {verb} +{re.escape(HELP[verb].splitlines()[0])}$", shown_here("--help").stdout, re.MULTILINE)
 
 
 def test_commands_are_listed_in_groups() -> None:
@@ -92,7 +93,7 @@ def test_help_loads_no_more_than_what_prints_it() -> None:
     packages = {package for package, *_ in loaded} - sys.stdlib_module_names
     assert packages <= {"jbclog", "typer", "click", "shellingham", "annotated_doc"}
     own = {".".join(rest) for package, *rest in loaded if package == "jbclog" and rest and rest[0] != "cli"}
-    assert own == {"core", "core.errors", "core.outcome", "core.states", "core.text"}
+    assert own == {"core", "core.outcome", "core.states"}
 
 
 @pytest.mark.parametrize("arguments", [("frobnicate",), ("run",), ("run", "--line"), ("demo", "--seconds", "1"), ("check",)])

@@ -101,6 +101,7 @@ def test_a_follower_is_light() -> None:
 
 
 def test_help_is_light() -> None:
+    assert loaded_by("import jbclog.cli", "jbclog.cli.run", "jbclog.cli.plan", "jbclog.cli.options", "hashlib") == set()
     assert loaded_by("import jbclog.cli", *HEAVY, "numpy", "pyarrow", "pydantic", "serial", "sqlite3", "asyncio") == set()
 
 
