@@ -111,23 +111,23 @@ class CorruptFrame:
 
 
 class FrameReader:
-    """Finds frames in chunks of bytes. `garbage` counts the bytes outside of any frame, correct or corrupt."""
+    """Finds frames in chunks of bytes. `garbage` counts the bytes outside of any frame; `held` is kept for the next chunk."""
 
     def __init__(self) -> None:
-        self._held = b""
+        self.held = b""
         self._lent = 0  # 1 if the kept bytes begin with the check byte of a correct frame
         self.garbage = 0
 
     def reset(self) -> int:
         """Drop the kept bytes and return their number."""
-        forgotten = len(self._held) - self._lent
+        forgotten = len(self.held) - self._lent
         self.garbage += forgotten
-        self._held, self._lent = b"", 0
+        self.held, self._lent = b"", 0
         return forgotten
 
     def feed(self, chunk: bytes) -> list[Frame | CorruptFrame]:
         """Return the frames, correct and corrupt, that `chunk` completes."""
-        stream = self._held + chunk
+        stream = self.held + chunk
         found: list[Frame | CorruptFrame] = []
         place = 0
         while match := _FRAME.search(stream, place):
@@ -140,7 +140,7 @@ class FrameReader:
         begun = _BEGUN.search(stream, place)
         kept = begun.start() if begun else len(stream)
         self._drop(kept - place)
-        self._held = stream[kept:]
+        self.held = stream[kept:]
         return found
 
     def _drop(self, count: int) -> None:

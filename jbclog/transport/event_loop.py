@@ -1,83 +1,187 @@
-"""What the reactor adds to asyncio: exact waits, the loop's lag, signals.
+"""The reactor's event loop: one epoll with all ports, one heap of alarms, and a queue of calls.
 
-epoll counts whole milliseconds and rounds up, so each wait ends half a millisecond late on average. Here the rest of a wait
-is left to select(), which counts microseconds and watches one descriptor: that of epoll.
+epoll counts whole milliseconds and rounds up, so a wait would end half a millisecond late on average. Here the rest of a wait is
+left to select(), which counts microseconds and watches one descriptor: that of epoll.
+
+Where the system has no epoll, asyncio's loop does the same work (`asyncio_loop.py`).
 """
 
 from __future__ import annotations
 
-import asyncio
+import os
 import select
-import selectors
-import signal
 import sys
-from collections.abc import Callable, Collection
-from types import FrameType, TracebackType
-from typing import Final, Self
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from heapq import heappop, heappush
+from itertools import count
+from typing import Final, Protocol
+
+from jbclog.core import clock
 
 WATCHED_BY_SELECT = 1024  # select() cannot watch descriptors from here on
+LONGEST_S = 3600.0  # of a wait
+WAKE_UPS = 4096  # bytes read at once of those that only wake the loop
+
+Ring = Callable[[float], object]
+"""Called at a moment, with that moment."""
+
+
+class Handle(Protocol):
+    """A scheduled call."""
+
+    def cancel(self) -> None:
+        """Drop the call, if it has not been made."""
+
+
+class EventLoop(Protocol):
+    """A part of asyncio's interface, and `wake_at`. Moments are those of `clock.elapsed`, in seconds.
+
+    All methods but `call_soon_threadsafe` belong to the thread that runs the loop.
+    """
+
+    def call_soon(self, call: Callable[..., object], *arguments: object) -> Handle:
+        """Schedule a call in the next turn."""
+
+    def call_at(self, when: float, call: Callable[..., object], *arguments: object) -> Handle:
+        """Schedule a call at a moment."""
+
+    def call_later(self, delay: float, call: Callable[..., object], *arguments: object) -> Handle:
+        """Schedule a call after `delay` seconds."""
+
+    def wake_at(self, moment: float, ring: Ring) -> None:
+        """Schedule ``ring(moment)``, which cannot be cancelled and costs less."""
+
+    def call_soon_threadsafe(self, call: Callable[..., object], *arguments: object) -> object:
+        """Schedule a call from any thread or signal handler. Raises `RuntimeError` once the loop is closed."""
+
+    def add_reader(self, fd: int, call: Callable[[], object]) -> object:
+        """Call `call` whenever the descriptor is readable or broken."""
+
+    def remove_reader(self, fd: int) -> object:
+        """Stop watching a descriptor; call it before closing the descriptor."""
+
+    def run_forever(self) -> None:
+        """Run until `stop`. Raises what a call raised; run again, it goes on with the other calls."""
+
+    def stop(self) -> None:
+        """Return from `run_forever` at the end of this turn, or as soon as it is called."""
+
+    def close(self) -> None:
+        """Release the loop's descriptors."""
+
+
+class _Call:
+    """A call that can be cancelled."""
+
+    __slots__ = ("_arguments", "_call")
+
+    def __init__(self, call: Callable[..., object], arguments: tuple[object, ...]) -> None:
+        self._call: Callable[..., object] | None = call
+        self._arguments = arguments
+
+    def __call__(self, _moment: float = 0.0) -> None:
+        if self._call is not None:
+            self._call(*self._arguments)
+
+    def cancel(self) -> None:
+        self._call, self._arguments = None, ()
+
 
 if sys.platform == "linux":
 
-    class _ExactEpoll(selectors.EpollSelector):
-        def select(self, timeout: float | None = None) -> list[tuple[selectors.SelectorKey, int]]:
-            """Return what is ready; nothing after `timeout` seconds or earlier, after which asyncio waits for the rest."""
-            if timeout is None or timeout <= 0 or self.fileno() >= WATCHED_BY_SELECT:
-                return super().select(timeout)
-            whole_ms = int(timeout * 1000)
-            if whole_ms:
-                return super().select((whole_ms - 0.5) / 1000)  # rounded up by epoll
-            return super().select(0) if select.select([self], [], [], timeout)[0] else []
+    class EpollLoop:
+        """The loop on Linux."""
 
+        def __init__(self) -> None:
+            self._epoll = select.epoll()
+            self._readers: dict[int, Callable[[], object]] = {}
+            self._alarms: list[tuple[float, int, Ring]] = []  # a heap; equal moments in their order
+            self._number = count()
+            self._soon: deque[_Call] = deque()
+            self._is_stopped = False
+            out, into = os.pipe()
+            self._wake_out, self._wake_in = os.fdopen(out, "rb", buffering=0), os.fdopen(into, "wb", buffering=0)
+            for end in (self._wake_out, self._wake_in):
+                os.set_blocking(end.fileno(), False)
+            self.add_reader(out, lambda: self._wake_out.read(WAKE_UPS))
 
-def exact_selector() -> selectors.BaseSelector | None:
-    """Return a selector for asyncio's loop; None where the loop's own is exact enough."""
-    return _ExactEpoll() if sys.platform == "linux" else None
+        def call_soon(self, call: Callable[..., object], *arguments: object) -> Handle:
+            self._soon.append(one := _Call(call, arguments))
+            return one
 
+        def call_at(self, when: float, call: Callable[..., object], *arguments: object) -> Handle:
+            self.wake_at(when, one := _Call(call, arguments))
+            return one
 
-class Readers:
-    """Calls back for every descriptor that is readable.
+        def call_later(self, delay: float, call: Callable[..., object], *arguments: object) -> Handle:
+            return self.call_at(clock.elapsed() + delay, call, *arguments)
 
-    On Linux asyncio watches one descriptor only: an epoll of our own with all the others in it. asyncio's handle, context and list
-    entry for each answer would cost as much as reading it.
-    """
+        def wake_at(self, moment: float, ring: Ring) -> None:
+            heappush(self._alarms, (moment, next(self._number), ring))
 
-    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
-        self._loop = loop
-        self._ready: dict[int, Callable[[], None]] = {}
-        self._epoll = select.epoll() if sys.platform == "linux" else None
-        if self._epoll is not None:
-            loop.add_reader(self._epoll.fileno(), self._call_ready)
+        def call_soon_threadsafe(self, call: Callable[..., object], *arguments: object) -> None:
+            if self._wake_in.closed:
+                raise RuntimeError("the event loop is closed")
+            self._soon.append(_Call(call, arguments))
+            with suppress(OSError, ValueError):  # closed meanwhile
+                self._wake_in.write(b"\0")  # a full pipe wakes the loop as well
 
-    def add(self, descriptor: int, ready: Callable[[], None]) -> None:
-        """Call `ready` in the loop's thread whenever `descriptor` is readable or broken."""
-        if self._epoll is None:
-            self._loop.add_reader(descriptor, ready)
-            return
-        self._epoll.register(descriptor, select.EPOLLIN)
-        self._ready[descriptor] = ready
+        def add_reader(self, fd: int, call: Callable[[], object]) -> None:
+            self._epoll.register(fd, select.EPOLLIN)
+            self._readers[fd] = call
 
-    def remove(self, descriptor: int) -> None:
-        """Stop watching `descriptor`; call it before closing the descriptor."""
-        if self._epoll is None:
-            self._loop.remove_reader(descriptor)
-            return
-        del self._ready[descriptor]
-        self._epoll.unregister(descriptor)
+        def remove_reader(self, fd: int) -> None:
+            del self._readers[fd]
+            self._epoll.unregister(fd)
 
-    def close(self) -> None:
-        """Release the epoll; call it before closing the loop."""
-        if self._epoll is not None:
-            self._loop.remove_reader(self._epoll.fileno())
+        def run_forever(self) -> None:
+            try:
+                while not self._is_stopped:
+                    self._turn()
+            finally:
+                self._is_stopped = False
+
+        def stop(self) -> None:
+            self._is_stopped = True
+
+        def close(self) -> None:
             self._epoll.close()
+            self._wake_out.close()
+            self._wake_in.close()
 
-    def _call_ready(self) -> None:
-        if self._epoll is None:
-            return
-        for descriptor, _ in self._epoll.poll(0):
-            ready = self._ready.get(descriptor)  # an earlier callback may have removed it
-            if ready is not None:
-                ready()
+        def _turn(self) -> None:
+            readers, alarms, soon = self._readers, self._alarms, self._soon
+            for descriptor, _ in self._wait():
+                ready = readers.get(descriptor)  # an earlier call may have removed it
+                if ready is not None:
+                    ready()
+            now = clock.elapsed()
+            while alarms and alarms[0][0] <= now:
+                moment, _, ring = heappop(alarms)
+                ring(moment)
+            for _ in range(len(soon)):
+                soon.popleft()()
+
+        def _wait(self) -> list[tuple[int, int]]:
+            """Return what is readable, at the latest when the next call is due.
+
+            A wait ends after its whole milliseconds, and the next one is for the rest.
+            """
+            left_s = self._left_s()
+            if left_s >= 0.001:
+                return self._epoll.poll((int(left_s * 1000) - 0.5) / 1000)  # rounded up by epoll
+            descriptor = self._epoll.fileno()
+            if left_s > 0 and descriptor < WATCHED_BY_SELECT and not select.select((descriptor,), (), (), left_s)[0]:
+                return []
+            return self._epoll.poll(0)
+
+        def _left_s(self) -> float:
+            """Return the time until the next call, or `LONGEST_S`."""
+            if self._soon:
+                return 0.0
+            return min(self._alarms[0][0] - clock.elapsed(), LONGEST_S) if self._alarms else LONGEST_S
 
 
 BEAT_S: Final = 0.05
@@ -90,66 +194,27 @@ class LoopLag:
     A session that receives bytes late cannot know whether the station or the computer was late; a timer waits for no station.
     """
 
-    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+    __slots__ = ("_due_s", "_late_s", "_loop")
+
+    def __init__(self, loop: EventLoop) -> None:
         self._loop = loop
         self._late_s = 0.0
-        self._due_s = float("inf")  # in the loop's time
+        self._due_s = float("inf")
 
     def start(self) -> None:
         """Start the timer; call it once, before the loop runs."""
-        self._due_s = self._loop.time() + BEAT_S
-        self._loop.call_at(self._due_s, self._beat)
+        self._next(clock.elapsed())
 
-    def late_s(self) -> float:
-        """Total time by which the loop was late so far."""
-        late = self._loop.time() - self._due_s
+    def late_s(self, now: float) -> float:
+        """Return the total time by which the loop was late until `now`."""
+        late = now - self._due_s
         return self._late_s + late if late > NOTED_S else self._late_s
 
-    def _beat(self) -> None:
-        self._late_s = self.late_s()
-        self._due_s = self._loop.time() + BEAT_S
-        self._loop.call_at(self._due_s, self._beat)
+    def _beat(self, _moment: float) -> None:
+        now = clock.elapsed()
+        self._late_s = self.late_s(now)
+        self._next(now)
 
-
-OnSignal = Callable[[signal.Signals], None]
-
-
-class Signals:
-    """Handles the signals `heard` and ignores those in `ignored` during a ``with``, in the main thread only.
-
-    Signals that arrive before `notify` are kept. With `stay_ignored` all of them stay ignored afterwards, while the program prints
-    its result.
-    """
-
-    def __init__(
-        self, heard: Collection[signal.Signals], ignored: Collection[signal.Signals] = (), *, stay_ignored: bool = False
-    ) -> None:
-        self._stay_ignored = stay_ignored
-        self._heard = heard
-        self._ignored = ignored
-        self._before: dict[signal.Signals, object] = {}
-        self._early: list[signal.Signals] = []
-        self._on_notify: OnSignal | None = None
-
-    def __enter__(self) -> Self:
-        for number in self._heard:
-            self._before[number] = signal.signal(number, self._on_signal)
-        for number in self._ignored:
-            self._before[number] = signal.signal(number, signal.SIG_IGN)
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        for number, before in self._before.items():
-            signal.signal(number, signal.SIG_IGN if self._stay_ignored else before)  # type: ignore[arg-type]  # the previous handler
-
-    def notify(self, notify: OnSignal) -> None:
-        """Call `notify` for each signal so far and from now on, between two instructions of the main thread."""
-        self._on_notify = notify
-        while self._early:
-            notify(self._early.pop(0))
-
-    def _on_signal(self, number: int, _frame: FrameType | None) -> None:
-        if self._on_notify is None:
-            self._early.append(signal.Signals(number))
-        else:
-            self._on_notify(signal.Signals(number))
+    def _next(self, now: float) -> None:
+        self._due_s = now + BEAT_S
+        self._loop.wake_at(self._due_s, self._beat)

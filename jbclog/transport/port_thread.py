@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import threading
 from collections.abc import Callable
 
 from jbclog.core.errors import LinkError
+from jbclog.transport.event_loop import EventLoop
 from jbclog.transport.port import Port
 
 PUMP_S = 0.2  # how often the thread checks whether to stop
@@ -18,7 +18,7 @@ class Pump:
     It reads the next piece once the loop has taken the last one and the pump is not paused by `rest`.
     """
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, port: Port, take: Callable[[Pump, bytes, LinkError | None], None]) -> None:
+    def __init__(self, loop: EventLoop, port: Port, take: Callable[[Pump, bytes, LinkError | None], None]) -> None:
         self._loop = loop
         self._port = port
         self._take = take

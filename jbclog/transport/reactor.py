@@ -1,34 +1,35 @@
-"""Hundreds of sessions in one thread: asyncio's event loop as a reactor, without a task or future per request.
+"""Hundreds of sessions in one thread: an event loop as a reactor, without a task or future per request.
 
-The loop watches descriptors and timers; a callback that reads bytes resumes the session and carries out its next request
+The loop watches descriptors and alarms; a callback that reads bytes resumes the session and carries out its next request
 before it returns (`session_runner.py`). Opening a port can block, so it happens in a thread.
 """
 
 from __future__ import annotations
 
-import asyncio
+import logging
+import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from heapq import heappop, heappush
-from itertools import count
 
 from jbclog.core import clock
 from jbclog.core.errors import cause
 from jbclog.transport.blocking import OpenPort
-from jbclog.transport.event_loop import LoopLag, Readers, exact_selector
-from jbclog.transport.session_runner import NEVER, Session, SessionRunner
+from jbclog.transport.event_loop import EpollLoop, EventLoop, LoopLag
+from jbclog.transport.session_runner import Session, SessionRunner
 from jbclog.transport.start_barrier import Barrier
 
 OPENERS = 8  # ports opened at the same time
 ENDING_S = 5.0  # for sessions to make their tools safe after a failure of the program; then it is the guard's job
-_now = clock.elapsed  # the loop's time
+_log = logging.getLogger(__name__)
 
 
-class _Loop(asyncio.SelectorEventLoop):
-    """An event loop whose time includes suspension of the machine."""
+def make_loop() -> EventLoop:
+    """Return the loop for this system."""
+    if sys.platform == "linux":
+        return EpollLoop()
+    from jbclog.transport.asyncio_loop import AsyncioLoop  # asyncio costs memory and start-up time
 
-    def time(self) -> float:
-        return _now()
+    return AsyncioLoop()
 
 
 class Reactor:
@@ -36,25 +37,17 @@ class Reactor:
 
     def __init__(self, *, allow_missing: bool = False) -> None:
         """`allow_missing`: sessions that are ready start without the others."""
-        self.now = _now
-        self.loop = _Loop(exact_selector())
-        self.readers = Readers(self.loop)
+        self.now = clock.elapsed
+        self.loop = make_loop()
         self.openers = ThreadPoolExecutor(OPENERS, thread_name_prefix="open-port")
         self._runners: set[SessionRunner] = set()
-        self._alarms: list[tuple[float, int, SessionRunner]] = []  # a heap
-        self._order = count()
-        self._timer: asyncio.TimerHandle | None = None  # for the first of them
         self.loop_lag = LoopLag(self.loop)
         self._failure: Exception | None = None
-        self.loop.set_exception_handler(self._broke)
-        self.barrier = Barrier(self.now, self._at, allow_missing=allow_missing)
+        self.barrier = Barrier(self.now, self.loop.call_at, allow_missing=allow_missing)
 
     def add(self, session: Session, open_port: OpenPort, name: str = "") -> None:
         """Add a session; `open_port` is called in a thread for each `Reopen`."""
         self._runners.add(SessionRunner(self, session, open_port, name))
-
-    def _at(self, moment: float, call: Callable[[], None]) -> None:
-        self.loop.call_at(moment, call)
 
     def every(self, seconds: float, call: Callable[[], None]) -> None:
         """Call `call` periodically while sessions run, whatever it raises. It must return quickly."""
@@ -64,7 +57,7 @@ class Reactor:
             try:
                 call()
             except Exception as error:  # no session depends on it
-                self.loop.default_exception_handler({"message": f"{call} failed", "exception": error})
+                _log.error("%s failed", call, exc_info=error)
 
         self.loop.call_later(seconds, again)
 
@@ -92,7 +85,6 @@ class Reactor:
             for runner in self._runners:  # sessions that have not ended
                 runner.let_go()
             self.openers.shutdown()  # waits until the ports are closed, about a second at most
-            self.readers.close()
             self.loop.close()
         if self._failure is not None:
             raise self._failure
@@ -104,21 +96,15 @@ class Reactor:
         order, and those that do not end within `ENDING_S` are abandoned.
         """
         end = float("inf")
-        while self._runners and _now() < end:
+        while self._runners and self.now() < end:
             try:
-                if self._failure is not None and end > _now() + ENDING_S:
-                    end = _now() + ENDING_S
+                if self._failure is not None and end > self.now() + ENDING_S:
+                    end = self.now() + ENDING_S
                     self.loop.call_at(end, self.loop.stop)
                     self.end("the program failed")
                 self.loop.run_forever()
             except Exception as error:
                 self._failure = self._failure or error
-
-    def _broke(self, loop: asyncio.AbstractEventLoop, context: dict[str, object]) -> None:
-        """Handle an exception raised in a callback of the loop."""
-        error = context.get("exception")
-        self._failure = self._failure or (error if isinstance(error, Exception) else RuntimeError(str(context.get("message"))))
-        loop.stop()
 
     def failed(self, runner: SessionRunner, error: Exception) -> None:
         """Note that a session raised an exception, which none may; end the others in order."""
@@ -131,28 +117,3 @@ class Reactor:
         self._runners.discard(runner)
         if not self._runners:
             self.loop.stop()
-
-    # One loop timer for all sessions: on a common grid they wake together, and comparing asyncio's timers is expensive.
-
-    def wake_at(self, moment: float, runner: SessionRunner) -> None:
-        """Call `wire.on_time(moment)` at `moment`. Alarms are never cancelled: the runner ignores those that it has superseded."""
-        heappush(self._alarms, (moment, next(self._order), runner))
-        self._set_timer()
-
-    def _set_timer(self) -> None:
-        first = self._alarms[0][0] if self._alarms else NEVER
-        if self._timer is not None:
-            if self._timer.when() <= first:
-                return
-            self._timer.cancel()
-        self._timer = self.loop.call_at(first, self._ring) if self._alarms else None
-
-    def _ring(self) -> None:
-        now, alarms = self.now(), self._alarms
-        try:
-            while alarms and alarms[0][0] <= now:
-                moment, _, runner = heappop(alarms)
-                runner.on_time(moment)
-        finally:
-            self._timer = None
-            self._set_timer()

@@ -5,13 +5,14 @@ Opening and closing a port can block, so both happen in the reactor's threads.
 
 from __future__ import annotations
 
-import asyncio
+from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TYPE_CHECKING
 
 from jbclog.core.errors import LinkError, cause
 from jbclog.core.io_requests import Ask, Gather, IoResult, Listen, Request, RunEnded, Steps, Wait
 from jbclog.transport.blocking import OpenPort
+from jbclog.transport.event_loop import Handle
 from jbclog.transport.port import MOST_KEPT, REST_S, Budget, Port
 from jbclog.transport.port_thread import Pump
 
@@ -21,6 +22,15 @@ if TYPE_CHECKING:
 NEVER = float("inf")
 
 Session = Steps[object]
+
+
+def _read_nothing() -> bytes:
+    """Stand for the read of a port that is not open."""
+    return b""
+
+
+def _write_nothing(_data: bytes) -> None:
+    """Stand for the write of a port that is not open, which nobody calls."""
 
 
 class SessionRunner:
@@ -40,6 +50,7 @@ class SessionRunner:
         "_is_gathered",
         "_is_started",
         "_is_watched",
+        "_lag",
         "_late_s",
         "_listening",
         "_loop",
@@ -50,22 +61,28 @@ class SessionRunner:
         "_port",
         "_pump",
         "_reactor",
+        "_read",
         "_rest",
+        "_ring",
         "_send",
         "_sent",
         "_session",
         "_throw",
         "_unasked",
+        "_write",
     )
 
     def __init__(self, reactor: Reactor, session: Session, open_port: OpenPort, name: str) -> None:
         self._reactor = reactor
         self._loop = reactor.loop
+        self._lag = reactor.loop_lag
         self._now = reactor.now
         self._session = session
         self._send, self._throw = session.send, session.throw
         self._open_port = open_port
         self._port: Port | None = None
+        self._read: Callable[[], bytes] = _read_nothing  # the port's methods, bound once
+        self._write: Callable[[bytes], None] = _write_nothing
         self._fileno: int | None = None
         self._pump: Pump | None = None
         self._broken: LinkError | None = None  # found between requests; raised at the next one
@@ -74,11 +91,12 @@ class SessionRunner:
         self._unasked = b""
         self._budget = Budget()
         self._is_watched = False  # whether the port is read as soon as bytes arrive
-        self._rest: asyncio.TimerHandle | None = None  # until when it is not
+        self._rest: Handle | None = None  # until when it is not
         self._sent = 0.0
         self._deadline = NEVER
         self._armed = NEVER  # moment of the next valid alarm
-        self._failing: asyncio.Handle | None = None  # a scheduled failure
+        self._ring = self.on_time  # bound once
+        self._failing: Handle | None = None  # a scheduled failure
         self._ending: RunEnded | None = None  # the run's end, deferred while the port is being opened
         self._heard = 0.0  # when bytes last arrived
         self._late_s = 0.0  # total lateness of the loop at the last result
@@ -123,7 +141,7 @@ class SessionRunner:
             self._end_with(error)
 
     def _send_result(self, now: float, data: bytes) -> None:
-        before, self._late_s = self._late_s, self._reactor.loop_lag.late_s()
+        before, self._late_s = self._late_s, self._lag.late_s(now)
         self._resume(IoResult(now, data, self._sent, self._late_s - before))
 
     def _resume(self, heard: IoResult | None) -> None:
@@ -174,7 +192,7 @@ class SessionRunner:
             if self._port is None:
                 raise self._broken or LinkError("the port is not open")
             self._sent = sent = self._now()  # before writing: afterwards this thread may have to wait for the GIL
-            self._port.write(request.data)
+            self._write(request.data)
         except LinkError as error:
             self._drop_port()
             self._fail_soon(error)
@@ -201,10 +219,10 @@ class SessionRunner:
         self._deadline = deadline
         if deadline < self._armed:
             self._armed = deadline
-            self._reactor.wake_at(deadline, self)
+            self._loop.wake_at(deadline, self._ring)
 
     def on_time(self, armed: float) -> None:
-        """Handle the alarm that was set for `armed`."""
+        """Handle the alarm that was set for `armed`. Alarms are never cancelled."""
         if armed != self._armed:
             return  # superseded by an earlier one
         self._armed = NEVER
@@ -217,19 +235,49 @@ class SessionRunner:
         self._send_result(now, self._take_unasked())
 
     def _on_readable(self) -> None:
-        port = self._port
-        if port is None:
-            return
+        """Read; if the session listens, resume it, and if it asks again, send that.
+
+        All of a good exchange happens here, in one function, because it is what a recorder does most; what is different goes
+        through the other methods.
+        """
         try:
-            data = port.read_now()
+            data = self._read()
         except LinkError as error:
             self._on_broken(error)
             return
-        if data:
+        if not (data and self._listening) or self._budget.is_spent(len(data)):
             self.on_bytes(data)
+            return
+        self._heard = now = self._now()
+        self._listening, self._deadline = False, NEVER
+        before, self._late_s = self._late_s, self._lag.late_s(now)
+        try:
+            request = self._send(IoResult(now, data, self._sent, self._late_s - before))
+        except StopIteration:
+            self._finish()
+            return
+        except Exception as broken:
+            self._finish(broken)
+            return
+        if type(request) is not Ask or not self._is_watched:
+            self._do(request)
+            return
+        asked, patience_s = request
+        self._sent = sent = self._now()  # as in `_ask`
+        try:
+            self._write(asked)
+        except LinkError as error:
+            self._drop_port()
+            self._fail_soon(error)
+            return
+        self._listening = True
+        self._budget.asked()
+        self._arm(sent + patience_s)
 
     def on_bytes(self, data: bytes) -> None:
         """Bytes came: the session's, if it listens; else they wait until it does."""
+        if not data:
+            return
         self._heard = now = self._now()
         if self._budget.is_spent(len(data)):
             self._let_rest()
@@ -265,7 +313,7 @@ class SessionRunner:
         if self._pump is not None:
             self._pump.resume()
         elif self._fileno is not None:
-            self._reactor.readers.add(self._fileno, self._on_readable)
+            self._loop.add_reader(self._fileno, self._on_readable)
 
     def _unwatch(self) -> None:
         if not self._is_watched:
@@ -274,7 +322,7 @@ class SessionRunner:
         if self._pump is not None:
             self._pump.rest()
         elif self._fileno is not None:
-            self._reactor.readers.remove(self._fileno)
+            self._loop.remove_reader(self._fileno)
 
     def _on_broken(self, error: LinkError) -> None:
         self._drop_port()
@@ -313,6 +361,7 @@ class SessionRunner:
 
     def _take_port(self, port: Port) -> None:
         self._port, self._broken, self._unasked = port, None, b""
+        self._read, self._write = port.read_now, port.write
         self._fileno = port.fileno()
         if self._fileno is None:
             self._pump = Pump(self._loop, port, self.on_pumped)
@@ -331,6 +380,7 @@ class SessionRunner:
         """Give the port up; it is closed in a thread, for a driver may take its time."""
         port, self._port = self._port, None
         self._unwatch()
+        self._read, self._write = _read_nothing, _write_nothing
         if self._rest is not None:
             self._rest.cancel()
             self._rest = None

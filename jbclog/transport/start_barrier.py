@@ -50,7 +50,7 @@ class Barrier:
     """`now` returns the time, `at` schedules a call in the driver's loop; both in monotonic seconds."""
 
     def __init__(
-        self, now: Callable[[], float], at: Callable[[float, Callable[[], None]], None], *, allow_missing: bool = False
+        self, now: Callable[[], float], at: Callable[[float, Callable[[], None]], object], *, allow_missing: bool = False
     ) -> None:
         self._now = now
         self._at = at

@@ -19,6 +19,7 @@ NAMES = (
     "open_run",
     "audit",
     "old_ledger",
+    "instructions",
 )
 LONGEST_S = 300
 

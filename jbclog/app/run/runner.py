@@ -41,11 +41,11 @@ from jbclog.record.port_owner import why_held
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.station_run import run_station
 from jbclog.transport.cpu_limit import cpu_limit
-from jbclog.transport.event_loop import Signals
 from jbclog.transport.opening import allow_ports, open_port
 from jbclog.transport.port import Port
 from jbclog.transport.reactor import Reactor
 from jbclog.transport.session_history import Tee, captured
+from jbclog.transport.signals import Signals
 from jbclog.transport.system_ports import SharedPortWatch
 from jbclog.transport.typed_lines import LineSource
 

@@ -48,8 +48,8 @@ KNOWN_ANSWERS = 1024  # cached for each request; stations repeat themselves
 KNOWN_QUESTIONS = 4096
 
 
-Known = tuple[dict[bytes, str], dict[str, Value], dict[str, int]]
-"""Caches: complete answers to data fields, data fields to values, and odd data fields to their B-numbers."""
+Known = tuple[dict[bytes, tuple[str, Value]], dict[str, Value], dict[str, int]]
+"""Caches: complete answers to data fields with their values, data fields to values, and odd data fields to their B-numbers."""
 
 
 @dataclass(slots=True)
@@ -71,25 +71,31 @@ class Question:
     wire_s: float
     tries: int  # at most
     is_short: bool
-    _texts: dict[bytes, str]
+    known: dict[bytes, tuple[str, Value]]  # complete answers that were checked before
     _values: dict[str, Value]
     odd: dict[str, int]  # B-numbers of accepted data fields with an odd form
     also: str = ""
     also_number: int = 0
     repeated: str = ""
+    is_write: bool = False
     least_s: float = 0.0
 
     def text_in(self, data: bytes) -> str | None:
-        """Return the data field if `data` is exactly the complete answer, as it nearly always is."""
-        known = self._texts.get(data)
-        if known is not None:  # an answer that was checked before
-            return known
-        if not self._is_whole_answer(data):
+        """Return the data field if `data` is exactly the complete answer."""
+        return data[len(self.answer_start) : -2].decode("ascii", "replace") if self._is_whole_answer(data) else None
+
+    def answer_in(self, data: bytes) -> tuple[str, Value] | None:
+        """Return the data field and its value if `data` is exactly the complete answer and valid, as it nearly always is."""
+        text = self.text_in(data)
+        if text is None:
             return None
-        text = data[len(self.answer_start) : -2].decode("ascii", "replace")
-        if len(self._texts) < KNOWN_ANSWERS:
-            self._texts[data] = text
-        return text
+        try:
+            answer = text, self.value_of(text)
+        except ValueError:
+            return None
+        if len(self.known) < KNOWN_ANSWERS:
+            self.known[data] = answer
+        return answer
 
     def _is_whole_answer(self, data: bytes) -> bool:
         return (
@@ -117,11 +123,6 @@ class Question:
     def odd_row(self, text: str) -> int | None:
         """Return the B-number of an odd data field; None where it has the recommended form."""
         return self.odd.get(text) if len(self.odd) < KNOWN_ANSWERS else odd_form(self.command.name, text)
-
-    @property
-    def is_write(self) -> bool:
-        """Whether it is a write, which gets a longer time-out."""
-        return self.least_s > 0
 
     def title(self) -> str:
         """Name for messages: ``tip temperature of port 1``."""
@@ -193,6 +194,7 @@ class Dialogue:
         self._is_clear = True  # nothing was in doubt when the pending request left
         self._pending = self._last = ""  # codes of the pending request and of the one before
         self._is_overdue = False  # the last request timed out
+        self._patience_s = 0.0  # of the pending request
         self._answer_from_station = True  # the learnt order of addresses in answers (docs/reference/contradictions.md, B-6)
         self._moving: tuple[Pair, ...] = ()  # addresses that may acknowledge the pending change of address
         self._questions: dict[tuple[str, int | None, int | None], Question] = {}
@@ -221,7 +223,7 @@ class Dialogue:
         if answered_as is not None:
             question.also_number, question.also = answered_as[0], f"{answered_as[1]}{port}"
         if is_write:
-            question.least_s = least_s(command)
+            question.is_write, question.least_s = True, least_s(command)
             question.repeated = data if command.name in ACKNOWLEDGED_WITH_VALUE else ""
         return question
 
@@ -234,36 +236,46 @@ class Dialogue:
     def patience_s(self, question: Question) -> float:
         """Return the time-out of a request, from the moment it is sent."""
         seen = self.turnaround_s
+        if seen is not None and 4 * seen <= LEAST_S >= question.least_s:
+            return question.wire_s + LEAST_S  # of nearly every read
         from_reads = UNMEASURED_S if seen is None else min(max(LEAST_S, 4 * seen), MOST_S)
         return question.wire_s + max(from_reads, question.least_s)
 
-    def _exchange(self, question: Question) -> Steps[str]:
-        """Send a request and return the data field of its answer. On a flooded link only writes are sent."""
-        if not question.is_write:
-            self._expect_no_flood()
-        self._reader.reset()  # earlier bytes cannot be the answer
-        self._last = self._pending
-        self._pending = question.code
-        self._is_clear = not self._doubted
-        self._doubted.append(question.code)  # until this or a later request is answered
-        if len(self._doubted) > MOST_DOUBTED:
-            del self._doubted[0]
-        patience_s = self._patience_s(question)
-        heard = yield Ask(question.frame, patience_s)
-        self.exchanges += 1
-        self.sent = heard.sent
-        if self.first_sent is None:
-            self.first_sent = heard.sent
-        is_suspect = self.flow.came(heard.now, len(heard.data), question.answer_length)
-        text = question.text_in(heard.data)
-        if text is None or is_suspect:
-            return (yield from self._gather(question, heard, heard.sent + patience_s))
-        self._note_time(heard.now, question, question.wire_s)
-        return text
+    def _exchange(self, question: Question, heard: IoResult | None = None) -> Steps[str]:
+        """Send a request, unless `heard` is its result already, and return the data field of its answer."""
+        if heard is None:
+            heard = yield self._begin(question)
+            text = None if self._count(question, heard) else question.text_in(heard.data)
+            if text is not None:
+                self._note_time(heard.now, question, question.wire_s)
+                return text
+        return (yield from self._gather(question, heard, heard.sent + self._patience_s))
 
-    def _patience_s(self, question: Question) -> float:
-        """Return the time-out now: in a flood no acknowledgement can be found, and other tools wait for their orders."""
-        if question.is_write and (self.flow.is_flooded or self.flow.is_suspect):
+    def _begin(self, question: Question) -> Ask:
+        """Note that `question` is sent now, and return the request. On a flooded link only writes are sent."""
+        if self.flow.found is not None and not question.is_write:
+            raise self.flow.taken()
+        if self._reader.held:
+            self._reader.reset()  # earlier bytes cannot be the answer
+        doubted = self._doubted
+        self._last, self._pending, self._is_clear = self._pending, question.code, not doubted
+        doubted.append(question.code)  # until this or a later request is answered
+        if len(doubted) > MOST_DOUBTED:
+            del doubted[0]
+        self._patience_s = patience_s = self._patience_of_write_s(question) if question.is_write else self.patience_s(question)
+        return Ask(question.frame, patience_s)
+
+    def _count(self, question: Question, heard: IoResult) -> bool:
+        """Note the result of a request; return whether no answer may be accepted, because far more came."""
+        self.exchanges += 1
+        self.sent = sent = heard.sent
+        if self.first_sent is None:
+            self.first_sent = sent
+        return self.flow.came(heard.now, len(heard.data), question.answer_length)
+
+    def _patience_of_write_s(self, question: Question) -> float:
+        """Return the time-out of a write: in a flood no acknowledgement can be found, and other tools wait for their orders."""
+        if self.flow.is_flooded or self.flow.is_suspect:
             return question.wire_s + LEAST_S
         return self.patience_s(question)
 
@@ -419,23 +431,24 @@ class Dialogue:
             self.anomalies.counts[6] += 1
         if question.is_write:
             return
-        took = max(now - self.sent - wire_s, 0.0)
-        seen = self.turnaround_s
-        if seen is None or took > seen:
-            self.turnaround_s = took
-        else:
-            self.turnaround_s = seen * 0.999 + took * 0.001  # forget a late answer slowly
+        took, seen = now - self.sent - wire_s, self.turnaround_s
+        if took < 0.0:
+            took = 0.0
+        if seen is not None and took <= seen:
+            took = seen * 0.999 + took * 0.001  # forget a late answer slowly
+        self.turnaround_s = took
 
     def _settled(self) -> None:
         """Note an answer: answers come in the order of requests, so none to an earlier request is on its way.
 
         If the pending code is in doubt more than once, the answer may be to an earlier request.
         """
-        if len(self._doubted) > 1:
-            del self._doubted[: self._doubted.index(self._pending) + 1]
+        doubted = self._doubted
+        if len(doubted) > 1:
+            del doubted[: doubted.index(self._pending) + 1]
         else:
-            self._doubted.clear()
-        self._is_overdue = bool(self._doubted)
+            doubted.clear()
+        self._is_overdue = bool(doubted)
 
     def _drain(self) -> Steps[None]:
         """Listen until the line has been quiet long enough for any late answer."""

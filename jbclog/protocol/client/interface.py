@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final, Protocol
 
 from jbclog.core.errors import LinkFlooded
-from jbclog.core.io_requests import IoResult, Steps, Wait
+from jbclog.core.io_requests import Ask, IoResult, Steps, Wait
 from jbclog.core.quantities import Value
 from jbclog.protocol.commands.command import Command
 
@@ -49,10 +49,11 @@ class FloodDetector:
         """
         self._came += size
         self._due += due
-        if self._begun is None:
+        begun = self._begun
+        if begun is None:
             self._begun = now
-        elif now - self._begun >= SECOND:
-            self._judge(now - self._begun)
+        elif now - begun >= SECOND:
+            self._judge(now - begun)
             self._begin(now)
         return self._came > SUSPECT and self.is_suspect
 
@@ -184,8 +185,17 @@ class Client(Protocol):
     def read(self, command: Command, port: int | None = None, tool: int | None = None) -> Steps[Value]:
         """Read a value. Raises `StationError` when no try succeeds; `StationSilent` when the station is silent."""
 
-    def ask(self, question: PreparedRead) -> Steps[Value]:
-        """Read a value by a prepared read of this client."""
+    def request(self, question: PreparedRead) -> Ask | None:
+        """Begin a prepared read and return the request to send; None where nothing was begun, and `ask` has to be used.
+
+        With `value` it is `ask` without a generator of its own, for answers in good order, which are nearly all.
+        """
+
+    def value(self, question: PreparedRead, heard: IoResult) -> Value | None:
+        """Return the value where the result of `request` is exactly the answer; else None, and ``ask(question, heard)`` goes on."""
+
+    def ask(self, question: PreparedRead, heard: IoResult | None = None) -> Steps[Value]:
+        """Read a value by a prepared read of this client; `heard` is the result of `request`."""
 
     def write(
         self,

@@ -115,9 +115,16 @@ class OmegaStation:
         """Read a value. Raises `StationError` when no try succeeds; `StationSilent` when the station is silent."""
         return self.ask(self.question(command, port, tool))
 
-    def ask(self, question: PreparedRead) -> Steps[Value]:
+    def request(self, question: PreparedRead) -> None:
+        """Return None: at its rate nothing is gained by a shorter way."""
+
+    def value(self, question: PreparedRead, heard: IoResult) -> None:
+        """Return None; nothing is begun by `request`."""
+
+    def ask(self, question: PreparedRead, heard: IoResult | None = None) -> Steps[Value]:
         """Read a value by a prepared read. Raises `Ignored` where only this one is not answered."""
         assert isinstance(question, OmegaQuestion)
+        assert heard is None
         failures: list[StationError] = []
         is_proven = False  # whether another request was answered after a silence
         for _ in range(question.tries):

@@ -32,7 +32,7 @@ from jbclog.core.errors import (
     StationError,
     StationSilent,
 )
-from jbclog.core.io_requests import IoResult, Steps
+from jbclog.core.io_requests import Ask, IoResult, Steps
 from jbclog.core.quantities import Value
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.client.dialogue import LEAST_S, REPEATS, AnsweredByOtherCode, Dialogue, Pair, Question
@@ -72,19 +72,38 @@ class Station(Dialogue):
         """Read a value. Raises `StationError` when no try succeeds; `StationSilent` when the station is silent."""
         return self.ask(self.question(command, port, tool))
 
-    def ask(self, question: PreparedRead) -> Steps[Value]:
-        """Read a value by a prepared read; every sample takes this path."""
+    def request(self, question: PreparedRead) -> Ask | None:
         assert isinstance(question, Question)
-        return self._ask_short(question) if question.is_short else self._ask(question)
+        if question.is_short or question.code in self._doubted:
+            return None
+        return self._begin(question)
 
-    def _ask(self, question: Question) -> Steps[Value]:
+    def value(self, question: PreparedRead, heard: IoResult) -> Value | None:
+        assert isinstance(question, Question)
+        if self._count(question, heard):
+            return None
+        answer = question.known.get(heard.data) or question.answer_in(heard.data)
+        if answer is None:
+            return None
+        self._note_time(heard.now, question, question.wire_s)
+        self.data, value = answer
+        if question.odd or question.also:
+            self._note_form(question, self.data)
+        return value
+
+    def ask(self, question: PreparedRead, heard: IoResult | None = None) -> Steps[Value]:
+        """Read a value by a prepared read, from its beginning, or from the result of `request` on."""
+        assert isinstance(question, Question)
+        return self._ask_short(question) if question.is_short else self._ask(question, heard)
+
+    def _ask(self, question: Question, heard: IoResult | None = None) -> Steps[Value]:
         tries, last_data = question.tries, None
         while True:
             tries -= 1
-            if question.code in self._doubted:
+            if heard is None and question.code in self._doubted:
                 yield from self._settle(question)
             try:
-                self.data = text = yield from self._exchange(question)
+                self.data = text = yield from self._exchange(question, heard)
                 value = question.value_of(text)
             except ValueError as error:  # a complete answer, so none is on its way
                 failure: StationError = AnswerFormat(f"{question.title()}: {error}")
@@ -103,6 +122,7 @@ class Station(Dialogue):
                 if question.odd or question.also:
                     self._note_form(question, text)
                 return value
+            heard = None
             if not tries:
                 raise failure
 

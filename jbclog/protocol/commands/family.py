@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Final
 
@@ -77,6 +77,11 @@ class Family:
     baudrate: int = 19200
     rate_hz: float = 10.0
     turnaround_ms: tuple[float, float] | None = None
+    _of_signal: Mapping[str, Command] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        of_signal = {one.name: self.commands[one.command] for one in reversed(self.signals)}
+        object.__setattr__(self, "_of_signal", of_signal)  # looked up at nearly every exchange
 
     def may_stand_at_last(self, safe_state: str) -> bool:
         """Whether a tool whose safe state is `safe_state` may end in stand, where it cools by the station's own delays only."""
@@ -88,7 +93,7 @@ class Family:
 
     def command_of(self, signal: str) -> Command | None:
         """Return the command that fills the columns of `signal` (``temperature_c``, ``set_c``); None where there is none."""
-        return next((self.commands[one.command] for one in self.signals if one.name == signal), None)
+        return self._of_signal.get(signal)
 
     def is_empty(self, tool: int | None, error: int | None) -> bool:
         """Whether a port has no tool, by its last tool code and error; None where not known."""

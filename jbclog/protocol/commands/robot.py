@@ -304,6 +304,8 @@ class ErrorTable:
 
     def void(self, code: int | None, signal: str) -> str | None:
         """Return the reason for which `signal` means nothing during the error `code`; None where it counts."""
+        if not self.voids:
+            return None
         return next((reason for error, name, reason in self.voids if (error, name) == (code, signal)), None)
 
 

@@ -12,7 +12,7 @@ from jbclog.core.rows import COLUMN, SampleRow, Severity
 from jbclog.protocol.client.confirmed_reads import confirmed_value
 from jbclog.protocol.client.interface import PreparedRead
 from jbclog.protocol.commands.command import Command
-from jbclog.protocol.commands.family import Family
+from jbclog.protocol.commands.family import OMEGA, Family
 from jbclog.protocol.commands.omega import OMEGA_SIGNALS, TRUE_ANSWERS, WITHOUT_DIGIT
 from jbclog.protocol.commands.ranges import NO_COUNTDOWN, STILL_C, TEMPERATURES, Possible, is_share, plausibility_check
 from jbclog.protocol.commands.robot import FeederState
@@ -109,6 +109,12 @@ def whole_of(command: Command, context: SessionContext) -> int | None:
     """Return the station's maximum that the number of `command` is a share of; None where not known."""
     whole = context.held.get(str(command.share_of))
     return whole if isinstance(whole, int) and whole > 0 else None
+
+
+def may_be_unusable(reading: ScheduledRead, family: Family) -> bool:
+    """Whether `unusable` can ever return a reason for an answer to `reading`."""
+    has_own_reason = reading.name == "delay_s" or reading.command.share_of is not None or family.protocol == OMEGA
+    return has_own_reason or any(signal == reading.name for _, signal, _ in family.port_errors.voids)
 
 
 def unusable(reading: ScheduledRead, value: Value, port: PortState, context: SessionContext) -> str | None:

@@ -14,7 +14,7 @@ from math import inf
 from typing import Final, NamedTuple
 
 from jbclog.core.errors import LinkError, RobotModeOff, StartRefused, StationError, StationSilent
-from jbclog.core.io_requests import Ask, IoResult, Listen, Request, RunEnded, Steps, T, Wait, relay
+from jbclog.core.io_requests import Ask, IoResult, Listen, Request, RunEnded, Steps, T, Wait
 from jbclog.core.quantities import OFF, text_of
 from jbclog.core.rows import SettingOutcome, SettingRow, Severity
 from jbclog.protocol.commands.command import Scope
@@ -128,10 +128,6 @@ class LateSpan(NamedTuple):
     begin: float
     end: float
 
-    @property
-    def seconds(self) -> float:
-        return self.end - self.begin
-
 
 @dataclass(slots=True)
 class Standstill:
@@ -147,23 +143,31 @@ class Standstill:
     def watch(self, steps: Steps[T], now: float) -> Steps[T]:
         """Run `steps` from `now` on, and note by how much their requests return late."""
         self._due = max(self._due, now)
+        try:
+            request = next(steps)
+            while True:  # not `relay`, for every sample passes here; nearly all are answers in time, which need no note
+                try:
+                    heard = yield request
+                except Exception as error:  # without a time: does not count as the host's
+                    self._due = _latest(request, self._due)
+                    request = steps.throw(error)
+                else:
+                    due, self._due = self._due, heard.now
+                    if type(request) is not Ask or not heard.data or heard.late_s or heard.now > due + request.patience_s:
+                        self._note(min(_latest(request, due), _held_up(request, heard)), heard.now)
+                    request = steps.send(heard)
+        except StopIteration as end:
+            result: T = end.value
+            return result
+        finally:
+            steps.close()
 
-        def timed(request: Request) -> Steps[IoResult]:
-            try:
-                heard = yield request
-            except Exception:  # without a time: does not count as the host's
-                self._due = _latest(request, self._due)
-                raise
-            self._note(LateSpan(min(_latest(request, self._due), _held_up(request, heard)), heard.now))
-            self._due = heard.now
-            return heard
-
-        return relay(steps, timed)
-
-    def _note(self, late: LateSpan) -> None:
-        self.late_s += max(late.seconds, 0.0)
-        if late.seconds > SUSPENDED_S:
-            self.spans.append(late)
+    def _note(self, begin: float, end: float) -> None:
+        """Note that a request that should have ended at `begin` ended at `end`."""
+        if end > begin:
+            self.late_s += end - begin
+            if end - begin > SUSPENDED_S:
+                self.spans.append(LateSpan(begin, end))
 
     def covers(self, moment: float) -> bool:
         """Whether `moment` is within a standstill."""

@@ -6,6 +6,7 @@ are accepted (`readings.py`).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from jbclog.core.errors import ImplausibleAnswer, LinkError, NotSupported, Refusal, RobotModeOff, StationError, StationSilent
@@ -17,7 +18,7 @@ from jbclog.protocol.commands.family import NEEDS_A_TOOL
 from jbclog.session.run.alarms import AlarmWatch, bears_out
 from jbclog.session.run.context import PortState, SessionContext
 from jbclog.session.run.identify import IDENTITY_READS, expect_identity, expect_same, is_this_identity
-from jbclog.session.run.readings import NO_DIGIT, Doubt, Fill, SecondLook, fill_of, possible_of, unusable, void
+from jbclog.session.run.readings import NO_DIGIT, Doubt, Fill, SecondLook, fill_of, may_be_unusable, possible_of, unusable, void
 from jbclog.session.run.watch import (
     OBSERVERS,
     WATCHED_SETTINGS,
@@ -98,6 +99,8 @@ class SignalRead:
     observe: Observe | None
     look: SecondLook
     place: int | None  # of its first column
+    may_be_unusable: bool
+    expect: Expect | None = None
     due: int = 0
     missed: dict[str, int] = field(default_factory=dict)
     failing: bool = False
@@ -112,7 +115,20 @@ class SignalRead:
         name, port = reading.name, context.ports[reading.port]
         doubt = DOUBTS.get(name) if reading.counter is None else _differs_from_counted(reading.counter.name)
         look = SecondLook(reading, port, question, doubt, possible_of(context, reading))
-        return cls(reading, question, port, fill, OBSERVERS.get(name), look, place)
+        is_doubtful = may_be_unusable(reading, context.family)
+        return cls(reading, question, port, fill, OBSERVERS.get(name), look, place, is_doubtful, _expectation(context, reading))
+
+
+Expect = Callable[[SessionContext, SignalRead, Value], None]
+"""Raises where an answer shows that another station, or another tool, is there."""
+
+
+def _expectation(context: SessionContext, reading: ScheduledRead) -> Expect | None:
+    if reading.command.name == context.family.hours:
+        return lambda context, probe, value: expect_same(context, probe.port.number, value)
+    if reading.is_identity:
+        return lambda context, probe, value: expect_identity(context, probe.reading.name, value)
+    return None
 
 
 @dataclass(slots=True)
@@ -149,17 +165,22 @@ class Scanner:
 
         Raises what makes further requests impossible: `LinkError`, `StationSilent`, `RobotModeOff`, and the run's end.
         """
+        station = self._station
         probe.due += 1
         if scan.first_sent is None:
-            self._station.first_sent = None
+            station.first_sent = None
         try:
-            value = yield from self._station.ask(probe.question)
+            request = station.request(probe.question)
+            if request is None:
+                value = yield from station.ask(probe.question)
+            else:
+                heard = yield request
+                answer = station.value(probe.question, heard)
+                value = answer if answer is not None else (yield from station.ask(probe.question, heard))
             if probe.look.is_due(self._context, value):
                 value = yield from probe.look.settle(self._context, value)
-            if probe.reading.command.name == self._context.family.hours:
-                expect_same(self._context, probe.port.number, value)
-            if probe.reading.is_identity:
-                expect_identity(self._context, probe.reading.name, value)
+            if probe.expect is not None:
+                probe.expect(self._context, probe, value)
         except NotSupported as error:
             self._lacks(probe, scan, error)
         except (StationError, LinkError) as error:
@@ -174,7 +195,7 @@ class Scanner:
                 probe.due -= 1
             raise
         else:
-            scan.last_heard = probe.look.heard_at = self._station.heard
+            scan.last_heard = probe.look.heard_at = station.heard
             try:
                 self._keep(probe, scan, value)
             except Exception:  # a fault of this program: without a value in the row it does not count as read
@@ -182,7 +203,7 @@ class Scanner:
                 raise
         finally:
             if scan.first_sent is None:
-                scan.first_sent = self._station.first_sent
+                scan.first_sent = station.first_sent
 
     def _lacks(self, probe: SignalRead, scan: PortScan, error: NotSupported) -> None:
         """Handle NotSupported: a signal that was never answered does not exist; it is not due and not read again."""
@@ -204,8 +225,10 @@ class Scanner:
         name = probe.reading.name
         if name == "temperature_c":
             scan.temperature_at = scan.last_heard
-        why = "no_tool" if scan.no_tool and name in NEEDS_A_TOOL else unusable(probe.reading, value, scan.port, self._context)
-        if why:
+        why = "no_tool" if scan.no_tool and name in NEEDS_A_TOOL else None
+        if why is None and probe.may_be_unusable:
+            why = unusable(probe.reading, value, scan.port, self._context)
+        if why is not None:
             self.unread(probe, scan, why)
             if name == "delay_s":
                 note_zero_countdown(self._context, probe.port, value)

@@ -226,8 +226,8 @@ def _temperature(context: SessionContext, port: PortState, value: Value) -> None
 
 def arrives(context: SessionContext, port: PortState, value: int) -> bool:
     """Whether alarms begin to count with this temperature: the tool is at work and reaches its setpoint."""
-    setting = context.set_c(port)
-    if port.at_temperature or setting is None or not is_at_work(context, port):
+    setting = None if port.at_temperature else context.set_c(port)
+    if setting is None or not is_at_work(context, port):
         return False
     return _enters(port.temperature_c, value, setting) or _stays_above(context, port, value, setting)
 
@@ -248,8 +248,8 @@ def _stays_above(context: SessionContext, port: PortState, value: int, setting: 
 
 def _note_above(context: SessionContext, port: PortState, value: int) -> None:
     """Note since when a tip is hotter than its setpoint before reaching it, and how hot it was."""
-    setting = context.set_c(port)
-    if port.at_temperature or setting is None or not is_at_work(context, port):
+    setting = None if port.at_temperature else context.set_c(port)
+    if setting is None or not is_at_work(context, port):
         return
     if value <= setting + BAND_C:
         port.found_above = None

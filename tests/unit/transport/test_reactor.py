@@ -11,8 +11,16 @@ import pytest
 
 from jbclog.core.errors import LinkError
 from jbclog.core.io_requests import Ask, Listen, Reopen, RunEnded, Steps, Wait
+from jbclog.transport.asyncio_loop import AsyncioLoop
+from jbclog.transport.event_loop import EpollLoop
 from jbclog.transport.reactor import Reactor
 from support.links.near_ends import PairPort, ThreadedPort
+
+
+@pytest.fixture(autouse=True, params=[EpollLoop, AsyncioLoop])
+def each_loop(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("jbclog.transport.reactor.make_loop", request.param)
+
 
 KINDS = pytest.mark.parametrize("kind", [PairPort, ThreadedPort], ids=["descriptor", "thread"])
 LONG_S = 30.0  # nobody waits that long

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import signal
 
-from jbclog.transport.event_loop import Signals
+from jbclog.transport.signals import Signals
 
 HEARD, IGNORED = signal.SIGUSR1, signal.SIGUSR2
 
