@@ -63,7 +63,7 @@ class EventLoop(Protocol):
         """Stop watching a descriptor; call it before closing the descriptor."""
 
     def run_forever(self) -> None:
-        """Run until `stop`. Raises what a call raised; run again, it goes on with the other calls."""
+        """Run until `stop`. Raises what a call raised; run again, it continues with the other calls."""
 
     def stop(self) -> None:
         """Return from `run_forever` at the end of this turn, or as soon as it is called."""
