@@ -192,7 +192,7 @@ class Client(Protocol):
         """
 
     def value(self, question: PreparedRead, heard: IoResult) -> Value | None:
-        """Return the value where the result of `request` is exactly the answer; else None, and ``ask(question, heard)`` continues."""
+        """Return the value if the result of `request` is exactly the answer; else None, and ``ask(question, heard)`` continues."""
 
     def ask(self, question: PreparedRead, heard: IoResult | None = None) -> Steps[Value]:
         """Read a value by a prepared read of this client; `heard` is the result of `request`."""
