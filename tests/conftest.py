@@ -8,12 +8,9 @@ from __future__ import annotations
 import atexit
 import functools
 import gc
-import hashlib
 import os
-import pickle
 import shutil
 import signal
-import sys
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Callable, Generator
@@ -23,6 +20,8 @@ from typing import Any
 import pytest
 import typer.testing
 from hypothesis import settings
+
+from support import once
 
 settings.register_profile("unhurried", deadline=None)  # a busy machine must not fail a property
 settings.load_profile("unhurried")
@@ -81,37 +80,21 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ["JBCLOG_ROW"] = row
 
 
-ONCE_EACH = {
-    "jbclog.analysis.joints.identify": ("identify",),
-    "jbclog.analysis.joints.sweeps": ("doubt_of",),
-    "jbclog.analysis.joints.joints": ("doubt_of",),
-    "jbclog.report.paper": ("pdf_of",),
-}
-"""What takes more than half of a report, and depends on nothing but its arguments: other processes show that (`test_paper.py`)."""
-
-
-def once_each(pure: Callable[..., Any]) -> Callable[..., Any]:
-    """A pure function that is computed once for each input, by the bytes of the input."""
-    known: dict[bytes, Any] = {}
-
-    def found(*arguments: Any) -> Any:
-        key = hashlib.sha256(pickle.dumps(arguments)).digest()
-        if key not in known:
-            known[key] = pure(*arguments)
-        return known[key]
-
-    return found
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Leave out the collector of cycles while ten thousand tests are made that all stay."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.enable()
 
 
 def pytest_collection_finish() -> None:
-    """Identify the tip of a recorded run and set its paper once, however many reports, metrics and joints are made of it.
+    """Identify the tip of a recorded run, draw it and set its paper once, however many reports, metrics and joints are made of it.
 
     Keep the collector from walking through ten thousand collected tests again and again: a twentieth of the suite's time."""
-    for module, names in ONCE_EACH.items():
-        if module in sys.modules:  # or no test of this session needs it
-            for name in names:
-                setattr(sys.modules[module], name, once_each(getattr(sys.modules[module], name)))
-    gc.collect()
+    once.install()
     gc.freeze()
     gc.set_threshold(10_000, 20, 20)
 
@@ -126,6 +109,7 @@ NOT_FAST = {  # files that take more than a second: large inputs, child processe
 UNIT = Path(__file__).parent / "unit"
 
 
+@functools.cache
 def is_fast(path: Path) -> bool:
     return path.is_relative_to(UNIT) and path.relative_to(UNIT).parts[0] in FAST and path.name not in NOT_FAST
 

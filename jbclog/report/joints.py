@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 
 from jbclog.analysis.figures.canvas import svg_text
 from jbclog.analysis.figures.curves import Floats, Span
-from jbclog.analysis.figures.style import NARROW, WIDE
+from jbclog.analysis.figures.style import NARROW, WIDE, Format
 from jbclog.analysis.figures.trace import JointEnd
 from jbclog.analysis.run import Run
 from jbclog.analysis.run_metrics import joints_and_metrics
@@ -23,7 +23,7 @@ from jbclog.analysis.stored_tables import JOINTS_SCHEMA, joints_parquet
 from jbclog.analysis.verdict.quantiles import censored_quantile
 from jbclog.record.manifest import manifest_sha256
 from jbclog.report.facts import FigureFacts, JointFacts
-from jbclog.report.joint_chart import draw_chart, recovery_chart
+from jbclog.report.joint_chart import RecoveryChart, draw_chart, recovery_chart
 from jbclog.report.joint_words import never_back
 from jbclog.report.text import Row, iso
 
@@ -96,8 +96,8 @@ def joint_facts(found: Joints, station: str, port: int, file: str, *, crowded: b
     chart = recovery_chart(recovery, resolution if isinstance(resolution, float) else None, deficits, np.where(late, had, np.nan))
     figure = None
     if chart.is_worth_it:
-        wide = svg_text(draw_chart(chart, WIDE))
-        narrow = wide if crowded else svg_text(draw_chart(chart, NARROW))
+        wide = _svg(chart, WIDE)
+        narrow = wide if crowded else _svg(chart, NARROW)
         figure = FigureFacts(f"figures/{file}-joints.svg", chart.caption, f"{station}, port {port}: {chart.caption}", wide, narrow)
     figures = {name: metrics[name] for name in METRICS if name in metrics}
     taken = next(({**row} for row in found.taken if row["station"] == station and row["port"] == port), {})
@@ -105,6 +105,10 @@ def joint_facts(found: Joints, station: str, port: int, file: str, *, crowded: b
         int(late.sum()), int(np.count_nonzero(~joints["recovered"].is_null().to_numpy())), _value(figures, "joint_deficit_c")
     )
     return JointFacts(figures, len(recovery), taken, never, chart.signals, *chart.why, figure)
+
+
+def _svg(chart: RecoveryChart, form: Format) -> str:
+    return svg_text(draw_chart(chart, form))
 
 
 def _value(figures: Mapping[str, Row], name: str) -> float | None:

@@ -26,7 +26,7 @@ from jbclog.analysis.figures.from_samples import (
 )
 from jbclog.analysis.figures.marks import Happening, limits_of, marks_of
 from jbclog.analysis.figures.port import draw
-from jbclog.analysis.figures.style import NARROW, WIDE
+from jbclog.analysis.figures.style import NARROW, WIDE, Format
 from jbclog.analysis.figures.ticks import moment
 from jbclog.analysis.figures.trace import Air, Grid, Limit, MarkKind, Trace
 from jbclog.analysis.verdict import PortMeasure, judged_signals
@@ -227,5 +227,9 @@ def _figures(file: str, place: str, drawn: Trace, context: Context) -> list[Figu
 
 def _figure(file: str, text: str, alt: str, drawn: Trace, crowded: bool) -> FigureFacts:
     """Return a figure in both sizes, or in the wide one alone, which a phone scrolls."""
-    wide = svg_text(draw(drawn, WIDE))
-    return FigureFacts(file, text, alt, wide, wide if crowded else svg_text(draw(drawn, NARROW)))
+    wide = _svg(drawn, WIDE)
+    return FigureFacts(file, text, alt, wide, wide if crowded else _svg(drawn, NARROW))
+
+
+def _svg(drawn: Trace, form: Format) -> str:
+    return svg_text(draw(drawn, form))

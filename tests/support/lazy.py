@@ -11,6 +11,8 @@ class _Lazy:
         self._name = name
 
     def __getattr__(self, attribute: str) -> Any:
+        if attribute.startswith("_"):  # pytest asks every name of a test's module whether it is a test, a fixture or a mock
+            raise AttributeError(attribute)
         return getattr(import_module(self._name), attribute)
 
 
