@@ -15,9 +15,12 @@ import pytest
 
 from jbclog.config.line import load_line
 from jbclog.core.rows import SAMPLE_COLUMNS
+from support import warm_command
 from support.command import started, until
 from support.readers.texts import DOCS, FENCE, ROOT, Demo, blocks
+from support.warm_start import connected
 
+COMMAND = warm_command.__file__
 INSTALLING = ("python3 -m", ".venv/bin/jupyter", "sudo ", "ls -l /dev/serial")
 SHORTER = {
     "--duration 3m &": "--duration 60s 2>killed.err &",
@@ -43,7 +46,7 @@ def clone(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "profiles").symlink_to(ROOT / "profiles")
     (folder / "bin").mkdir()
     program = folder / "bin" / "jbclog"
-    program.write_text(f"#!{sys.executable}\nfrom jbclog.cli import main\nmain()\n")
+    program.write_text(f"#!{sys.executable} -IS\nimport runpy\nrunpy.run_path({COMMAND!r})['main']({str(connected())!r})\n")
     program.chmod(0o755)
     return folder
 

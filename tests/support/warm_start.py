@@ -1,13 +1,15 @@
 """`jbclog` in a process that was forked from one with everything imported: half a second of CPU less for each command.
 
-`Warm` is a `subprocess.Popen` of the command's words. The process that forks is started once for each process of the tests and ends
-with it. What a test proves of how a process begins (its memory, its imports, its first descriptors) takes a fresh interpreter.
+`Warm` is a `subprocess.Popen` of the command's words; `warm_command.py` is a program for a shell. The process that forks serves all
+workers of a session and ends with the last one. What a test proves of how a process begins (its memory, its imports, its first
+descriptors) takes a fresh interpreter.
 """
 
 from __future__ import annotations
 
 import atexit
 import contextlib
+import fcntl
 import gc
 import importlib
 import io
@@ -15,20 +17,25 @@ import json
 import os
 import select
 import selectors
+import signal
 import socket
 import struct
 import subprocess
 import sys
+import tempfile
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from support import program
 
-VERBS = ("audit", "batch", "check", "read", "recover", "replay", "report", "run", "safe", "scan", "write")
+VERBS = (
+    *("alarms", "annotate", "audit", "batch", "check", "doctor", "maintenance", "plan"),
+    *("read", "recover", "replay", "report", "run", "runs", "safe", "scan", "write"),
+)
 IMPORTED = (
     *("jbclog.cli.app", "jbclog.app.run.runner", "jbclog.analysis.run", "jbclog.record.check", "jbclog.record.recover"),
     *("jbclog.report.write", "jbclog.app.batch", "jbclog.app.audit", "jbclog.app.discovery", "jbclog.app.replay"),
@@ -73,63 +80,136 @@ class Warm(subprocess.Popen[str]):
 
 @cache
 def _server(_of: int) -> socket.socket:
-    """The process that forks, of this one."""
-    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
-    process = subprocess.Popen(program("warm_start", theirs.fileno()), pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL)
-    theirs.close()
-    atexit.register(_close, ours, process)
-    return ours
+    """A connection of this process to the one that forks."""
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
+    with _locked():
+        try:
+            connection.connect(str(address()))
+        except (FileNotFoundError, ConnectionRefusedError):
+            _begin_server(address())
+            connection.connect(str(address()))
+    atexit.register(connection.close)
+    return connection
 
 
-def _close(server: socket.socket, process: subprocess.Popen[bytes]) -> None:
-    server.close()
-    with contextlib.suppress(subprocess.TimeoutExpired):
-        process.wait(10)
+def address() -> Path:
+    """Where the process that forks is asked: one for all workers of a session."""
+    return Path(tempfile.gettempdir()) / f"jbclog-warm-{os.environ.get('PYTEST_XDIST_TESTRUNUID', os.getpid())}"
 
 
-def serve(asking: socket.socket) -> Mapping[str, Any] | None:
-    """Fork for each question; in the child what was asked, None at the end."""
-    waiting = selectors.DefaultSelector()
-    waiting.register(asking, selectors.EVENT_READ)
-    while True:
-        for key, _ in waiting.select():
-            if key.data is not None:
-                _end(waiting, key.fd, *key.data)
-                continue
-            data, received, _, _ = socket.recv_fds(asking, 1 << 20, 4)
-            if not data:
+def connected() -> Path:
+    """The same, of a process that runs as long as this one."""
+    _server(os.getpid())
+    return address()
+
+
+@contextlib.contextmanager
+def _locked() -> Iterator[None]:
+    """No server begins or ends while somebody else connects."""
+    folder = os.open(tempfile.gettempdir(), os.O_RDONLY)
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(folder)
+
+
+def _begin_server(at: Path) -> None:
+    at.unlink(missing_ok=True)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as listening:
+        listening.bind(str(at))
+        listening.listen(64)
+        listening.set_inheritable(True)
+        nothing = (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0)
+        command = program("warm_start", at, listening.fileno())
+        os.posix_spawn(command[0], command, os.environ, file_actions=[nothing])
+
+
+class Server:
+    """Forks for each question on a connection."""
+
+    def __init__(self, at: Path, listening: socket.socket) -> None:
+        self._at, self._listening = at, listening
+        self._waiting = selectors.DefaultSelector()
+        self._waiting.register(listening, selectors.EVENT_READ)
+        self._connections: list[socket.socket] = []
+        self._bound: dict[int, socket.socket] = {}  # the processes that end with their connection
+
+    def serve(self) -> Mapping[str, Any] | None:
+        """In a child what was asked; None when nobody is connected any more."""
+        while True:
+            for key, _ in self._waiting.select():
+                if isinstance(key.fileobj, int):
+                    self._end(key.fileobj, *key.data)
+                elif key.fileobj is self._listening:
+                    self._accept()
+                elif asked := self._answer(cast("socket.socket", key.fileobj)):
+                    return asked
+            if self._is_over():
                 return None
-            *inner, ending = received
-            child = os.fork()
-            if child == 0:
-                _leave(waiting, asking, inner, ending)
-                found: Mapping[str, Any] = json.loads(data)
-                return found
-            for descriptor in inner:
-                os.close(descriptor)
-            waiting.register(os.pidfd_open(child), selectors.EVENT_READ, (child, ending))
+
+    def _accept(self) -> None:
+        self._connections.append(self._listening.accept()[0])
+        self._waiting.register(self._connections[-1], selectors.EVENT_READ)
+
+    def _answer(self, asking: socket.socket) -> Mapping[str, Any] | None:
+        """In the child what was asked, None in the process that forks."""
+        data, received, _, _ = socket.recv_fds(asking, 1 << 20, 4)
+        if not data:
+            self._close(asking)
+            return None
+        asked: Mapping[str, Any] = json.loads(data)
+        *inner, ending = received
+        child = os.fork()
+        if child == 0:
+            self._leave(inner, ending)
+            return asked
+        for descriptor in inner:
+            os.close(descriptor)
+        self._waiting.register(os.pidfd_open(child), selectors.EVENT_READ, (child, ending))
+        if asked.get("bound"):
+            self._bound[child] = asking
+        with contextlib.suppress(BrokenPipeError):
             asking.send(str(child).encode())
+        return None
 
+    def _close(self, asking: socket.socket) -> None:
+        for child in [child for child, connection in self._bound.items() if connection is asking]:
+            os.kill(child, signal.SIGKILL)
+        self._waiting.unregister(asking)
+        self._connections.remove(asking)
+        asking.close()
 
-def _end(waiting: selectors.BaseSelector, pidfd: int, child: int, ending: int) -> None:
-    """Hand on how a child ended."""
-    waiting.unregister(pidfd)
-    os.close(pidfd)
-    with contextlib.suppress(BrokenPipeError):
-        os.write(ending, STATUS.pack(os.waitpid(child, 0)[1]))
-    os.close(ending)
+    def _end(self, pidfd: int, child: int, ending: int) -> None:
+        """Hand on how a child ended."""
+        self._waiting.unregister(pidfd)
+        os.close(pidfd)
+        self._bound.pop(child, None)
+        with contextlib.suppress(BrokenPipeError):
+            os.write(ending, STATUS.pack(os.waitpid(child, 0)[1]))
+        os.close(ending)
 
+    def _is_over(self) -> bool:
+        """Whether nobody is connected, and nobody can be any more."""
+        if self._connections:
+            return False
+        with _locked():
+            if select.select([self._listening], [], [], 0)[0]:
+                return False
+            self._at.unlink(missing_ok=True)
+            return True
 
-def _leave(waiting: selectors.BaseSelector, asking: socket.socket, inner: Sequence[int], ending: int) -> None:
-    """Have nothing in the child but its three descriptors."""
-    others = [(key.fd, key.data[1]) for key in waiting.get_map().values() if key.data is not None]
-    waiting.close()
-    asking.close()
-    for number, descriptor in enumerate(inner):
-        os.dup2(descriptor, number)
-    for descriptor in (*inner, ending, *(one for pair in others for one in pair)):
-        os.close(descriptor)
+    def _leave(self, inner: Sequence[int], ending: int) -> None:
+        """Have nothing in the child but its three descriptors."""
+        others = [descriptor for key in self._waiting.get_map().values() for descriptor in (key.fd, *(key.data or ())[1:])]
+        self._waiting.close()
+        for number, descriptor in enumerate(inner):
+            os.dup2(descriptor, number)
+        for descriptor in (*inner, ending, *others):
+            os.close(descriptor)
+        for connection in (self._listening, *self._connections):
+            connection.detach()
 
 
 def _begin_streams() -> None:
@@ -147,7 +227,7 @@ def main() -> None:
         importlib.import_module(name)
     gc.collect()
     gc.freeze()
-    asked = serve(socket.socket(fileno=int(sys.argv[1])))
+    asked = Server(Path(sys.argv[1]), socket.socket(fileno=int(sys.argv[2]))).serve()
     if asked is None:
         return
     os.environ.clear()
