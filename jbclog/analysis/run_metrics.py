@@ -8,7 +8,7 @@ long run fits into memory; a port with a feeder is measured as a whole.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, astuple, replace
 from itertools import groupby
 from math import inf
 from typing import Final, NamedTuple
@@ -29,7 +29,7 @@ from jbclog.analysis.joints.sweeps import PortSweeps
 from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.measures import Measured, PortMeasuring, measure_port
 from jbclog.analysis.run_tables import RunTables, stations_of
-from jbclog.analysis.stored_tables import JOINTS_SCHEMA, metric_table, stored_joints, stored_metrics
+from jbclog.analysis.stored_tables import JOINTS_SCHEMA, MetricRow, metric_table, stored_joints, stored_metrics
 from jbclog.analysis.verdict.clock_steps import Step
 from jbclog.analysis.verdict.idle import Floats
 from jbclog.analysis.verdict.rules import has_feeder
@@ -58,10 +58,9 @@ class MeasuredPort(NamedTuple):
         rows = [_joint_row(self, number, joint) for number, joint in enumerate(self.measured.joints, 1)]
         return pa.Table.from_pylist(rows, schema=JOINTS_SCHEMA)
 
-    def metric_rows(self) -> list[dict[str, object]]:
+    def metric_rows(self) -> list[MetricRow]:
         """Return a row for each metric."""
-        named = ({"metric" if key == "name" else key: value for key, value in asdict(one).items()} for one in self.measured.figures)
-        return [{"station": self.facts.name, "port": self.port, **row} for row in named]
+        return [MetricRow(self.facts.name, self.port, *astuple(one)) for one in self.measured.figures]
 
 
 def metrics_of(run: RunTables, station: str | None = None) -> pd.DataFrame:
@@ -69,13 +68,18 @@ def metrics_of(run: RunTables, station: str | None = None) -> pd.DataFrame:
 
     Reads the stored metrics if they are this run's, and computes them otherwise. Raises `RecordError`.
     """
+    return metric_table(metric_rows_of(run, station))
+
+
+def metric_rows_of(run: RunTables, station: str | None = None) -> list[MetricRow]:
+    """Return the rows of `metrics_of`."""
     try:
         stored = stored_metrics(run.folder, manifest_sha256(run.folder)) if run.manifest.state == "sealed" else None
     except RecordError:
         stored = None
     if stored is not None:
-        return stored if station is None else stored[stored["station"] == station].reset_index(drop=True)
-    return metric_table([row for port in _measured(run, station) for row in port.metric_rows()])
+        return [row for row in stored if station in (None, row.station)]
+    return [row for port in _measured(run, station) for row in port.metric_rows()]
 
 
 def joints_of(run: RunTables, station: str | None = None) -> pa.Table:
@@ -104,7 +108,7 @@ def joints_and_metrics(run: RunTables) -> tuple[pa.Table, list[dict[str, object]
     parameters: list[dict[str, object]] = []
     for one in _measured(run, None):
         joints.append(one.joint_table())
-        metrics += one.metric_rows()
+        metrics += map(asdict, one.metric_rows())
         if one.measured.found is not None:
             parameters.append({"station": one.facts.name, "port": one.port, **asdict(one.measured.found.settings)})
     return _concatenated(joints), metrics, parameters

@@ -9,7 +9,7 @@ for piece in runs.samples(columns=["time", "station", "port", "temperature_c"]):
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from functools import cached_property
 from math import isclose
@@ -21,9 +21,10 @@ import pandas as pd
 from jbclog.analysis.notebook_html import runs_html
 from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.run_tables import Moment, utc
-from jbclog.analysis.stored_tables import JOINTS_SCHEMA, METRICS
+from jbclog.analysis.stored_tables import JOINTS_SCHEMA, MetricRow, metric_table, stored_metrics
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.record.find_runs import Filter, Found, Unreadable, find
+from jbclog.record.find_runs import SEALED, Filter, Found, Unreadable, find
+from jbclog.record.manifest import manifest_sha256
 
 TEXTS: Final = ("run", "state", "verdict", "line", "operator", "order", "product", "exit_status", "lost", "changed")
 TIMES: Final = ("started", "ended")
@@ -118,20 +119,37 @@ class Runs(Sequence[Run]):
 
     def metrics(self, station: str | None = None) -> pd.DataFrame:
         """Return the metrics of all runs (`Run.metrics`), `run` and `started` as the first columns."""
-        return self._concatenated(lambda run: run.metrics(station), METRICS)
+        rows = [(one, row) for one, rows in self.metric_rows(station) for row in rows]
+        table = metric_table([row for _, row in rows])
+        started = pd.Series([one.started for one, _ in rows], dtype="str")
+        table.insert(0, "started", pd.to_datetime(started, utc=True, format="ISO8601").astype("datetime64[us, UTC]"))
+        table.insert(0, "run", pd.Series([one.folder.name for one, _ in rows], dtype="str"))
+        return table
+
+    def metric_rows(self, station: str | None = None) -> Iterator[tuple[Found, list[MetricRow]]]:
+        """Yield each run with its rows of `metrics`."""
+        return ((one, _metric_rows(one, station)) for one in self.found)
 
     def joints(self, station: str | None = None) -> pd.DataFrame:
         """Return the joints of all runs (`Run.joints`), `run` and `started` as the first columns."""
-        return self._concatenated(lambda run: run.joints(station), JOINTS_SCHEMA.names)
-
-    def _concatenated(self, table: Callable[[Run], pd.DataFrame], columns: Iterable[str]) -> pd.DataFrame:
         frames = []
         for one in self.found:
-            frame = table(open_run(one.folder))
+            frame = open_run(one.folder).joints(station)
             frame.insert(0, "started", utc(one.started))
             frame.insert(0, "run", one.folder.name)
             frames.append(frame)
-        return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=["run", "started", *columns])
+        return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=["run", "started", *JOINTS_SCHEMA.names])
+
+
+def _metric_rows(found: Found, station: str | None) -> list[MetricRow]:
+    """Return the metrics of a run, without parsing its manifest again where it is still the one that was found."""
+    if found.state == SEALED and found.changed is None and manifest_sha256(found.folder) == found.manifest_sha256:
+        stored = stored_metrics(found.folder, found.manifest_sha256)
+        if stored is not None:
+            return [row for row in stored if station in (None, row.station)]
+    from jbclog.analysis.run_metrics import metric_rows_of
+
+    return metric_rows_of(open_run(found.folder), station)
 
 
 def open_runs(

@@ -6,10 +6,11 @@ report names manifest, jbclog and rules. An annotation must hold the hash of `re
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from hashlib import file_digest, sha256
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import pandas as pd
 import pyarrow as pa
@@ -19,7 +20,7 @@ from jbclog import __version__
 from jbclog.analysis.verdict import RULES
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
-from jbclog.core.foreign.json_reader import json_of
+from jbclog.core.foreign.json_reader import decoder
 from jbclog.core.foreign.tables import read_small
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.schema import FLAG, FLOAT, INT, TEXT, TIME
@@ -39,6 +40,42 @@ METRICS: Final = {
     "why": "str",
 }
 """The columns of the table of metrics, and their types."""
+
+
+@dataclass(frozen=True, slots=True)
+class MetricRow:
+    """One metric of one port."""
+
+    station: str
+    port: int
+    metric: str
+    value: float | None
+    unit: str
+    n: int
+    coverage: float | None
+    resolution: float | None
+    why: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Written:
+    """The part of `report.json` that vouches for its other files."""
+
+    written: Mapping[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class _Report:
+    """The part of `report.json` that has the metrics, and what they were made from."""
+
+    manifest_sha256: str
+    jbclog: str
+    rules: int
+    metrics: list[MetricRow]
+
+
+_read_written: Final = decoder(_Written)
+_read_report: Final = decoder(_Report)
 
 Column = tuple[str, pa.DataType, str, str]
 JOINTS: Final[Sequence[Column]] = (
@@ -92,35 +129,34 @@ def stored_joints(folder: Path, manifest_sha256: str) -> pa.Table | None:
     """Return the joints in the run's folder; None if they are missing, damaged, or of another report or manifest."""
     try:
         with open_foreign(folder / JOINTS_FILE, Kind.OF_REPORT) as file:
-            if _report(folder)["written"][JOINTS_FILE] != file_digest(file, "sha256").hexdigest():
+            written = _read_written(_report(folder, manifest_sha256)).written
+            if written.get(JOINTS_FILE) != file_digest(file, "sha256").hexdigest():
                 return None
         table = read_small(folder / JOINTS_FILE)
-    except (pa.ArrowException, RecordError, OSError, ValueError, TypeError, KeyError, RecursionError):
+    except (pa.ArrowException, RecordError, OSError, ValueError):
         return None
     made_from = (table.schema.metadata or {}).get(MADE_FROM)
     return table if made_from == manifest_sha256.encode() and table.schema.equals(JOINTS_SCHEMA) else None
 
 
-def stored_metrics(folder: Path, manifest_sha256: str) -> pd.DataFrame | None:
+def stored_metrics(folder: Path, manifest_sha256: str) -> list[MetricRow] | None:
     """Return all metrics of the run; None if they are missing, damaged, or of another manifest, jbclog or version of the rules."""
     try:
-        report = _report(folder)
-        if (report["manifest_sha256"], report["jbclog"], report["rules"]) != (manifest_sha256, __version__, RULES):
-            return None
-        rows = report["metrics"]
-        return metric_table(rows) if isinstance(rows, list) else None
-    except (RecordError, OSError, ValueError, TypeError, KeyError, OverflowError, RecursionError):
+        report = _read_report(_report(folder, manifest_sha256))
+    except (RecordError, OSError, ValueError):
         return None
+    is_ours = (report.manifest_sha256, report.jbclog, report.rules) == (manifest_sha256, __version__, RULES)
+    return report.metrics if is_ours else None
 
 
-def metric_table(rows: list[dict[str, object]]) -> pd.DataFrame:
-    """Return rows of metrics as a table. Raises ValueError, TypeError or KeyError for rows of another form."""
-    return pd.DataFrame(rows, columns=list(METRICS)).astype(METRICS)
+def metric_table(rows: Sequence[MetricRow]) -> pd.DataFrame:
+    """Return rows of metrics as a table."""
+    return pd.DataFrame({name: [getattr(row, name) for row in rows] for name in METRICS}).astype(METRICS)
 
 
-def _report(folder: Path) -> Any:
-    """Return `report.json`. Raises RecordError, OSError, or ValueError if no annotation holds its hash."""
+def _report(folder: Path, manifest_sha256: str) -> bytes:
+    """Return the bytes of `report.json`. Raises RecordError, OSError, or ValueError if no annotation holds their hash."""
     data = read_foreign(folder / REPORT_FILE, Kind.REPORT)
-    if read_annotations(folder).report != sha256(data).hexdigest():
+    if read_annotations(folder, manifest_sha256).report != sha256(data).hexdigest():
         raise ValueError("no annotation holds the hash of this report")
-    return json_of(data)
+    return data

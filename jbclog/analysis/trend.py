@@ -12,18 +12,19 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from datetime import datetime
+from datetime import UTC, datetime
 from difflib import get_close_matches
 from math import sqrt
 from typing import Final
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from jbclog.analysis import spc
 from jbclog.analysis.metrics.definitions import DEFINITIONS
+from jbclog.analysis.run_tables import utc
 from jbclog.analysis.runs import WHAT_A_RATE_CHANGES, Runs, rate_text
+from jbclog.analysis.stored_tables import MetricRow
 from jbclog.core.errors import UsageError
 from jbclog.record.find_runs import Found
 
@@ -31,6 +32,7 @@ DEFAULT: Final = "idle_error_c"
 UNIT_AT_END: Final = re.compile(r"_(permille_s|permille|percent|c_per_h|mm_s|mm|c|s|j)$")
 MEANS: Final = ("idle_error_c",)  # of many readings
 SPREAD: Final = "idle_sd_c"  # not known if it is below what steps can show
+LATEST: Final = datetime.max.replace(tzinfo=UTC)
 Floats = NDArray[np.float64]
 
 
@@ -128,28 +130,29 @@ def trends(
 
 def _points(runs: Runs, metric: str, station: str | None) -> dict[tuple[str, int], list[Point]]:
     """Return the points of each station and port, in the order of their runs' starts."""
-    table = runs.metrics(station)
-    rows = table[table["metric"] == metric].sort_values(["started", "run"], kind="stable")
-    dithered = _dithered(table) if metric in MEANS else set()
     found: dict[tuple[str, int], list[Point]] = {}
-    for row in rows.astype(object).where(rows.notna(), None).to_dict("records"):
-        started = None if row["started"] is None else row["started"].to_pydatetime()
-        value, coverage, step = (_number(row[name]) for name in ("value", "coverage", "resolution"))
-        is_dithered = (row["run"], row["station"], row["port"]) in dithered
-        resolution = step / sqrt(row["n"]) if step is not None and is_dithered else step
-        point = Point(str(row["run"]), started, value, int(row["n"]), coverage, resolution, row["why"])
-        found.setdefault((str(row["station"]), int(row["port"])), []).append(point)
+    for run, rows in sorted(runs.metric_rows(station), key=lambda one: (_started(one[0]) or LATEST, one[0].folder.name)):
+        dithered = _dithered(rows) if metric in MEANS else set()
+        for row in (row for row in rows if row.metric == metric):
+            place = row.station, row.port
+            found.setdefault(place, []).append(_point(run, row, is_dithered=place in dithered))
     return found
 
 
-def _dithered(table: pd.DataFrame) -> set[tuple[object, object, object]]:
-    """Return run, station and port of idle readings that spread over their steps: only their mean resolves less than a step."""
-    rows = table[(table["metric"] == SPREAD) & table["value"].notna()]
-    return set(zip(rows["run"], rows["station"], rows["port"], strict=True))
+def _point(run: Found, row: MetricRow, *, is_dithered: bool) -> Point:
+    step = row.resolution
+    resolution = step / sqrt(row.n) if step is not None and is_dithered and row.n > 0 else step
+    return Point(run.folder.name, _started(run), row.value, row.n, row.coverage, resolution, row.why)
 
 
-def _number(value: object) -> float | None:
-    return float(value) if isinstance(value, int | float) else None
+def _dithered(rows: Iterable[MetricRow]) -> set[tuple[str, int]]:
+    """Return the ports whose idle readings spread over their steps: only their mean resolves less than a step."""
+    return {(row.station, row.port) for row in rows if row.metric == SPREAD and row.value is not None}
+
+
+def _started(run: Found) -> datetime | None:
+    started = utc(run.started)
+    return None if started is None else started.to_pydatetime()
 
 
 def expect_limits(lower: float | None, upper: float | None) -> None:

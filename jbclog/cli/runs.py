@@ -125,7 +125,7 @@ def _print(those: Iterable[Found | Unreadable], folder: Path, *, unit: str | Non
 def facts(run: Found) -> dict[str, object]:
     """Return a run as JSON data; `run` is its folder."""
     known = asdict(run)
-    del known["folder"]
+    del known["folder"], known["manifest_sha256"]
     return {"run": str(run.folder), **known, "shown_state": run.shown_state}
 
 

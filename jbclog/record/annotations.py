@@ -25,7 +25,7 @@ import pyarrow.compute as pc
 from jbclog.core.durable_files import add_line, chain_in, fields_of, first_faults, line_of, lines_in, sha256
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import builder, json_of
+from jbclog.core.foreign.json_reader import builder, decoder
 from jbclog.record.manifest import Unit, iso
 from jbclog.record.parts import row_groups
 
@@ -54,6 +54,14 @@ class Annotation:
 
 
 _build_annotation: Final = builder(Annotation)
+
+
+@dataclass(frozen=True, slots=True)
+class _OfManifest:
+    state: object = None
+
+
+_read_state: Final = decoder(_OfManifest)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,9 +112,12 @@ def vouch(folder: Path, report_sha256: str) -> None:
         append(folder, who="jbclog report", what=f"{REPORT} SHA-256 {report_sha256}", why="the report was written", kind=VOUCHED)
 
 
-def read(folder: Path) -> Annotations:
-    """Read the annotations of a sealed run, and where their chain is broken. Raises RecordError."""
-    first = _first_link(folder)
+def read(folder: Path, manifest_sha256: str | None = None) -> Annotations:
+    """Read the annotations of a sealed run, and where their chain is broken. Raises RecordError.
+
+    `manifest_sha256`: the hash of its manifest, where the caller has just read it.
+    """
+    first = manifest_sha256 or _first_link(folder)
     try:
         data = read_foreign(folder / NAME, Kind.ANNOTATIONS)
     except FileNotFoundError:
@@ -159,8 +170,8 @@ def _first_link(folder: Path) -> str:
     """Return the manifest's hash. Raises RecordError if the run is not sealed."""
     try:
         data = read_foreign(folder / MANIFEST, Kind.MANIFEST)
-        state = json_of(data).get("state")
-    except (OSError, ValueError, AttributeError, RecursionError) as error:
+        state = _read_state(data).state
+    except (OSError, ValueError) as error:
         raise RecordError(f"{folder} has no manifest that can be read") from error
     if state != "sealed":
         raise RecordError(f"{folder} is not sealed: what happens now belongs into the record itself")
@@ -190,8 +201,14 @@ def units_of(folder: Path) -> list[Unit]:
 
 def late_serials(folder: Path) -> list[str]:
     """Return the serials added to a run after sealing. Raises RecordError."""
-    if not (folder / NAME).exists():
+    path = folder / NAME
+    try:
+        if LATE.encode() not in read_foreign(path, Kind.ANNOTATIONS):
+            return []
+    except FileNotFoundError:
         return []
+    except OSError as error:
+        raise RecordError(f"{path} cannot be read: {error.strerror or error}") from error
     return [said.what for said in read(folder).said if said.kind == LATE]
 
 

@@ -9,6 +9,7 @@ start. Serials read during a run are in its manifest once it is sealed.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import re
@@ -20,7 +21,7 @@ from typing import Final
 
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
-from jbclog.core.foreign.json_reader import builder, expect_period, expect_year, json_of
+from jbclog.core.foreign.json_reader import decoder, expect_period, expect_year
 from jbclog.core.locks import is_held
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import late_serials
@@ -64,7 +65,7 @@ class _Summary:
     lost: Lost | None = None
 
 
-_build_summary: Final = builder(_Summary)
+_read_summary: Final = decoder(_Summary)
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +98,7 @@ class Found:
     lost: str | None
     changed: str | None
     periods_s: Mapping[str, float | None] = field(default_factory=dict)
+    manifest_sha256: str = ""
 
     @property
     def shown_state(self) -> str:
@@ -217,21 +219,21 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
         changed = why_changed(data)
         if changed is None and not wanted.may_be_in(data, has_annotations=(folder / ANNOTATIONS).exists()):
             return None
-        summary = _build_summary(json_of(data, in_utf8=True))
+        summary = _read_summary(data)
         if summary.state not in set(RunState) or summary.schema > SCHEMA_VERSION:
             return Unreadable(folder, "its manifest is of a newer jbclog, or none")
         if summary.started is not None:
             expect_year(datetime.fromisoformat(summary.started).year)
         for station in summary.stations:
             expect_period(station.period_s)
-        return _found(folder, summary, changed)
+        return _found(folder, summary, changed, hashlib.sha256(data).hexdigest())
     except FileNotFoundError:
         return Unreadable(folder, "it has no manifest: cut off at its very start, or no run; `jbclog recover` finishes it")
     except (OSError, ValueError, AttributeError, RecursionError, RecordError) as error:
         return Unreadable(folder, f"its manifest cannot be read: {error}")
 
 
-def _found(folder: Path, summary: _Summary, changed: str | None) -> Found:
+def _found(folder: Path, summary: _Summary, changed: str | None, sha256: str) -> Found:
     state = summary.state if summary.state == SEALED else RUNNING if is_held(folder) else CRASHED
     metadata = summary.metadata
     serials = [*metadata.units, *(unit.serial for unit in summary.units), *(late_serials(folder) if state == SEALED else ())]
@@ -257,6 +259,7 @@ def _found(folder: Path, summary: _Summary, changed: str | None) -> Found:
         lost=None if summary.lost is None else summary.lost.text,
         changed=changed,
         periods_s={station.name: station.period_s for station in summary.stations if station.first_tick is not None},
+        manifest_sha256=sha256,
     )
 
 

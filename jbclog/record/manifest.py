@@ -21,7 +21,8 @@ from jbclog.record.schema import SCHEMA_VERSION
 NAME: Final = "manifest.json"
 END: Final = b"\n}\n"
 DIGEST: Final = ',\n "digest": "%s"\n}\n'
-_DIGEST: Final = re.compile(rb',\n "digest": "([0-9a-f]{64})"\n\}\n\Z')
+_DIGEST: Final = re.compile(rb',\n "digest": "([0-9a-f]{64})"\n\}\n')
+_DIGEST_BYTES: Final = len(DIGEST % ("0" * 64))
 OF_0_1: Final = frozenset(
     {
         *("schema", "run", "state", "exit_status", "exit_code", "verdict", "verdict_rules", "started", "ended", "t0_mono"),
@@ -275,15 +276,15 @@ def wrong_digest(folder: Path) -> str | None:
 
 def has_digest(folder: Path) -> bool:
     """Whether the manifest has a digest; those of the first release have none. Raises OSError."""
-    return _DIGEST.search(read_foreign(folder / NAME, Kind.MANIFEST)) is not None
+    return _DIGEST.fullmatch(read_foreign(folder / NAME, Kind.MANIFEST)[-_DIGEST_BYTES:]) is not None
 
 
 def why_changed(data: bytes) -> str | None:
     """Return what is wrong with the digest of a manifest's bytes."""
-    found = _DIGEST.search(data)
+    found = _DIGEST.fullmatch(data[-_DIGEST_BYTES:])
     if found is None:
         plain = json_of(data)
         is_old = isinstance(plain, dict) and plain.keys() <= OF_0_1
         return None if is_old else "has lost its digest: it was changed"
-    without = data[: found.start()] + END
+    without = data[:-_DIGEST_BYTES] + END
     return None if hashlib.sha256(without).hexdigest().encode() == found[1] else "was changed: its digest is another"

@@ -6,6 +6,7 @@ import json
 import math
 import re
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -35,7 +36,7 @@ def json_of(data: bytes | str, *, in_utf8: bool = False) -> Any:
     if text.count("{") + text.count("[") > MOST_OBJECTS:
         raise ValueError(f"it has more than {MOST_OBJECTS} objects and lists")
     try:
-        parsed = (_CAREFUL if _DOUBTFUL.search(text) else _PLAIN).decode(text)
+        parsed = (_CAREFUL if _is_doubtful(text.encode(errors="surrogatepass")) else _PLAIN).decode(text)
         if in_utf8 and _HALF.search(text):
             json.dumps(parsed, ensure_ascii=False).encode()
     except RecursionError:
@@ -67,8 +68,20 @@ def _no_number(text: str) -> float:
 
 _PLAIN: Final = json.JSONDecoder(parse_constant=_no_number)
 _CAREFUL: Final = json.JSONDecoder(parse_int=_whole, parse_float=_finite, parse_constant=_no_number)  # it takes thrice the time
-_DOUBTFUL: Final = re.compile(r"[0-9]{19}|[\s:,\[]-?[0-9.]+[eE]\+?[0-9]{2}|^-?[0-9.]+[eE]")
-"""What may be a large number; hashes, in which digits and letters follow each other, seldom look like one."""
+_SHAPES: Final = bytes.maketrans(b"123456789E \t\r\n:,[", b"000000000e" + b" " * 7)
+_MANY_DIGITS: Final = b"0" * 19
+_EXPONENT: Final = re.compile(rb"0e\+?0")  # begins with plain text, for which `re` searches fast
+_LONGEST_BEFORE: Final = 40  # of a number without `_MANY_DIGITS`, before its exponent
+
+
+def _is_doubtful(data: bytes) -> bool:
+    """Whether it may contain a large number: many digits, or an exponent that only digits precede, unlike in most hashes."""
+    shapes = data.translate(_SHAPES)
+    if _MANY_DIGITS in shapes:
+        return True
+    exponents = (found.start() for found in _EXPONENT.finditer(shapes))
+    before = (shapes[max(at + 1 - _LONGEST_BEFORE, 0) : at + 1].rstrip(b"0.") for at in exponents)
+    return any(not text or text.endswith((b" ", b"-")) for text in before)
 
 
 _HALF: Final = re.compile(r"\\u[dD][89a-fA-F]")
@@ -104,3 +117,20 @@ def builder(kind: type[T]) -> Callable[[object], T]:
         return msgspec.convert(data, kind, str_keys=True)
 
     return build
+
+
+def decoder(kind: type[T]) -> Callable[[bytes], T]:
+    """Return what decodes UTF-8 JSON to `kind`: as `builder` does after `json_of`, without the cost of keys that `kind` lacks.
+
+    To be called at import. What it returns raises ValueError.
+    """
+    build, typed = builder(kind), msgspec.json.Decoder(kind)
+
+    def decode(data: bytes) -> T:
+        if len(data) <= MOST_OBJECTS and b"\\u" not in data and not _is_doubtful(data):
+            with suppress(ValueError, RecursionError):  # then `json_of` accepts it, or states what is wrong
+                data.decode()
+                return typed.decode(data)
+        return build(json_of(data, in_utf8=True))
+
+    return decode

@@ -15,6 +15,7 @@ import jbclog
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.record import find_runs
 from jbclog.record.manifest import Metadata
+from jbclog.report.write import write_report
 from support.faults.hostile_names import HOSTILE, MOVES
 from support.records import few_rows, sealed_run, small_run
 
@@ -96,6 +97,27 @@ def test_metrics_and_joints_name_their_run(home: Path) -> None:
     assert {"started", "station", "port", "metric", "value", "unit", "n", "why"} <= set(metrics.columns)
     assert len(runs.joints()) == len(runs[0].joints()) > 5
     assert len(jbclog.open_runs(home, order="none").joints()) == 0
+
+
+def test_metrics_of_a_report_are_those_of_the_run_without_opening_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = small_run.make_run(tmp_path, 5.0)
+    computed = jbclog.open_runs(tmp_path).metrics()
+    write_report(folder)
+    monkeypatch.setattr("jbclog.analysis.runs.open_run", None)
+    pd.testing.assert_frame_equal(jbclog.open_runs(tmp_path).metrics(), computed)
+    only = jbclog.open_runs(tmp_path).metrics("ale-1")
+    pd.testing.assert_frame_equal(only, computed[computed["station"] == "ale-1"].reset_index(drop=True))
+
+
+def test_a_manifest_that_is_changed_after_the_search_is_noticed(tmp_path: Path) -> None:
+    folder = small_run.make_run(tmp_path, 5.0)
+    write_report(folder)
+    runs = jbclog.open_runs(tmp_path)
+    assert len(runs) == 1
+    manifest = folder / "manifest.json"
+    manifest.write_bytes(manifest.read_bytes().replace(b'"success"', b'"aborted"'))
+    with pytest.raises(RecordError, match="was changed"):
+        runs.metrics()
 
 
 def test_a_folder_that_cannot_be_read_is_named_and_the_others_are_there(tmp_path: Path) -> None:

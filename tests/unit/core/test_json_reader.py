@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 import jbclog
-from jbclog.core.foreign.json_reader import builder
+from jbclog.core.foreign.json_reader import MOST_OBJECTS, builder, decoder, json_of
 
 PACKAGE = Path(jbclog.__file__).parent
-DESCRIBE = {"builder", "Decoder"}
+DESCRIBE = {"builder", "decoder", "Decoder"}
 CONVERT = {"convert"}
 
 
@@ -25,6 +27,52 @@ def calls(tree: ast.AST, names: set[str]) -> Iterator[ast.Call]:
 def test_a_flag_is_not_a_number() -> None:
     with pytest.raises(ValueError, match="got `bool`"):
         builder(int)(True)
+
+
+@dataclass(frozen=True)
+class Part:
+    """Some keys of a file that has more."""
+
+    name: str
+    heat_c: float | None = None
+
+
+read_part, build_part = decoder(Part), builder(Part)
+DIGITS = "1234567890"
+OTHERS = [
+    *("1", "-0.5", "1e17", '"1e99"', '"' + DIGITS * 7 + '"', "0.12345678901234567", "12345678901234567.1234567890e-30", "{}"),
+    *("1e19", "1E+40", "-1e308", "9" * 19, "9" * 18 + ".5e9", "1." + "1" * 30 + "e99", DIGITS * 100 + "e5", "NaN", "-Infinity"),
+    *('"\\ud800"', '"\\ud83d\\ude00"', '"\x01"', "[" * 100_000, "[" * 500 + "]" * 500, '{"a": 1, "a": 2}', "01", "tru", ""),
+]
+
+
+@pytest.mark.parametrize("text", OTHERS, ids=lambda text: text[:20])
+@pytest.mark.parametrize("around", ['{"name": "a", "b": %s}', '{"name":"a","b":[1,%s]}', '{"heat_c":%s,"name":"a"}', "%s"])
+def test_keys_that_are_not_needed_are_judged_all_the_same(text: str, around: str) -> None:
+    data = (around % text).encode()
+    assert outcome(lambda: read_part(data)) == outcome(lambda: build_part(json_of(data, in_utf8=True)))
+
+
+def outcome(call: Callable[[], Part]) -> Part | str:
+    try:
+        return call()
+    except ValueError as error:
+        return str(error)
+
+
+NO_JSON = [b'{"name": "\xff"}', b'{"name": "tip", "other": "\xff"}', b'{"name": "tip"} x', b"\xef\xbb\xbf{}"]
+
+
+@pytest.mark.parametrize("data", NO_JSON, ids=repr)
+def test_bytes_that_are_no_json_are_refused(data: bytes) -> None:
+    with pytest.raises(ValueError, match=r"decode byte|Extra data|Expecting|Unexpected"):
+        read_part(data)
+
+
+def test_too_many_objects_are_refused_where_nobody_needs_them() -> None:
+    plain = json.dumps({"name": "tip", "other": [[]] * MOST_OBJECTS}).encode()
+    with pytest.raises(ValueError, match="objects and lists"):
+        read_part(plain)
 
 
 def test_two_threads_never_describe_a_type_at_once() -> None:
