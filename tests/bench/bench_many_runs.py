@@ -1,0 +1,97 @@
+"""What many runs cost: ``python tests/bench/bench_many_runs.py [--short]``.
+
+240 copies of a sealed run of two stations with its report (``--short``: 60). CPU a run, the least of interleaved rounds: finding
+the runs as `jbclog runs` does; a trend of one metric over them; the same without reports, over few. Beside them the plain way: each
+`manifest.json` read and parsed by Python's `json`, without a check of any kind.
+
+The limits are ratios to that, which differ little between machines, and what a maintainer promises of a trend: 3 ms a run.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+from common import at_most, in_own_process, is_short, judge, show
+
+from jbclog.analysis.runs import open_runs
+from jbclog.analysis.trend import trends
+from jbclog.record.find_runs import find
+from jbclog.report.write import write_report
+from support.records.small_run import make_run
+
+RUNS, SHORT_RUNS, WITHOUT = 240, 60, 4
+RUN_S = 20.0
+ROUNDS = 5
+MOST_MS = 3.0
+OF_REPORT = ("report.*", "annotations.jsonl", "joints.parquet", "figures", "tables")
+
+
+def copies(run: Path, out: Path, count: int, ignore: tuple[str, ...] = ()) -> Path:
+    """A folder of copies of a run, under the names that a recorder gives."""
+    for number in range(count):
+        name = f"20261101T{number // 3600:02d}{number // 60 % 60:02d}{number % 60:02d}Z-bench-aaaa"
+        shutil.copytree(run, out / name, copy_function=os.link, ignore=shutil.ignore_patterns(*ignore))
+    return out
+
+
+def parsed(out: Path) -> None:
+    for folder in sorted(out.iterdir()):
+        json.loads((folder / "manifest.json").read_bytes())
+
+
+def trend(out: Path) -> None:
+    found = trends(open_runs(out))
+    assert all(len(one.known) > 1 for one in found[:1]), "no run has the metric"
+
+
+def least_ms(calls: list[tuple[Callable[[Path], object], Path]], rounds: int) -> list[float]:
+    """The least ms of CPU a run of each call, in rounds that take them in turn."""
+    took: list[list[float]] = [[] for _ in calls]
+    for _ in range(rounds):
+        for (call, out), times in zip(calls, took, strict=True):
+            begun = time.process_time()
+            call(out)
+            times.append((time.process_time() - begun) * 1000 / len(list(out.iterdir())))
+    return [min(times) for times in took]
+
+
+def measured(made: Path, count: int) -> list[float]:
+    run = make_run(made, RUN_S)
+    write_report(run)
+    with_report = copies(run, made / "with", count)
+    without = copies(run, made / "without", WITHOUT, OF_REPORT)
+    calls = [(parsed, with_report), (lambda out: list(find(out)), with_report), (trend, with_report)]
+    return least_ms(calls, ROUNDS) + least_ms([(trend, without)], 1)
+
+
+def main() -> int:
+    count = SHORT_RUNS if is_short(__doc__) else RUNS
+    with TemporaryDirectory(prefix="jbclog-bench-") as made:
+        plain, found, stored, computed = in_own_process(measured, Path(made), count)
+    rows = [
+        ("manifest by json alone", plain),
+        ("runs", found),
+        ("trend", stored),
+        (f"trend, {WITHOUT} runs without reports", computed),
+    ]
+    show(f"{count} runs", ["", "CPU a run, ms", "ratio"], [[text, ms, ms / plain] for text, ms in rows])
+    return judge(
+        [
+            at_most("runs, as against json.loads of each manifest", found / plain, 3.5),
+            at_most("trend, as against json.loads of each manifest", stored / plain, 20),
+            at_most("trend of runs with a report: CPU a run", stored, MOST_MS, " ms"),
+        ]
+    )
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
