@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from jbclog.analysis.notebook_html import run_html
-from jbclog.analysis.run_tables import RunTables, frame
+from jbclog.analysis.run_tables import RunTables
 from jbclog.core.errors import RecordError
 
 if TYPE_CHECKING:
@@ -53,9 +53,9 @@ class Run(RunTables):
         Reads `joints.parquet` if `jbclog report` wrote it for this manifest, and searches the samples otherwise. The definition
         of a joint is in `jbclog/analysis/joints/joints.py`; no column says that a joint is good. Raises `RecordError`.
         """
-        from jbclog.analysis.run_metrics import joints_of
+        from jbclog.analysis.run_metrics import joints_frame, joints_of
 
-        return frame(joints_of(self, station)).astype({"fed": "boolean"})
+        return joints_frame(joints_of(self, station))
 
     def metrics(self, station: str | None = None) -> pd.DataFrame:
         """Return a row for each metric of each port: `metric, value, unit, n, coverage, resolution, why`.

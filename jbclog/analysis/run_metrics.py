@@ -28,7 +28,7 @@ from jbclog.analysis.joints.solder_wire import Wire
 from jbclog.analysis.joints.sweeps import PortSweeps
 from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.measures import Measured, PortMeasuring, measure_port
-from jbclog.analysis.run_tables import RunTables, stations_of
+from jbclog.analysis.run_tables import RunTables, frame, stations_of
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA, MetricRow, metric_table, stored_joints, stored_metrics
 from jbclog.analysis.verdict.clock_steps import Step
 from jbclog.analysis.verdict.idle import Floats
@@ -91,6 +91,11 @@ def joints_of(run: RunTables, station: str | None = None) -> pa.Table:
     if stored is None:
         return joints_table(run, station)
     return stored if station is None else stored.filter(pc.equal(stored["station"], station))
+
+
+def joints_frame(joints: pa.Table) -> pd.DataFrame:
+    """Return a table of joints as a DataFrame."""
+    return frame(joints).astype({"fed": "boolean"})
 
 
 def joints_table(run: RunTables, station: str | None = None) -> pa.Table:

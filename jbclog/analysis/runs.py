@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Final, overload
 
 import pandas as pd
+import pyarrow as pa
 
 from jbclog.analysis.notebook_html import runs_html
 from jbclog.analysis.run import Run, open_run
@@ -119,12 +120,9 @@ class Runs(Sequence[Run]):
 
     def metrics(self, station: str | None = None) -> pd.DataFrame:
         """Return the metrics of all runs (`Run.metrics`), `run` and `started` as the first columns."""
-        rows = [(one, row) for one, rows in self.metric_rows(station) for row in rows]
-        table = metric_table([row for _, row in rows])
-        started = pd.Series([one.started for one, _ in rows], dtype="str")
-        table.insert(0, "started", pd.to_datetime(started, utc=True, format="ISO8601").astype("datetime64[us, UTC]"))
-        table.insert(0, "run", pd.Series([one.folder.name for one, _ in rows], dtype="str"))
-        return table
+        found = [*self.metric_rows(station)]
+        table = metric_table([row for _, rows in found for row in rows])
+        return _with_runs(table, [(one, len(rows)) for one, rows in found])
 
     def metric_rows(self, station: str | None = None) -> Iterator[tuple[Found, list[MetricRow]]]:
         """Yield each run with its rows of `metrics`."""
@@ -132,13 +130,21 @@ class Runs(Sequence[Run]):
 
     def joints(self, station: str | None = None) -> pd.DataFrame:
         """Return the joints of all runs (`Run.joints`), `run` and `started` as the first columns."""
-        frames = []
-        for one in self.found:
-            frame = open_run(one.folder).joints(station)
-            frame.insert(0, "started", utc(one.started))
-            frame.insert(0, "run", one.folder.name)
-            frames.append(frame)
-        return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=["run", "started", *JOINTS_SCHEMA.names])
+        from jbclog.analysis.run_metrics import joints_frame, joints_of
+
+        found = [(one, joints_of(open_run(one.folder), station)) for one in self.found]
+        table = joints_frame(pa.concat_tables([JOINTS_SCHEMA.empty_table(), *(joints for _, joints in found)]))
+        return _with_runs(table, [(one, joints.num_rows) for one, joints in found])
+
+
+def _with_runs(table: pd.DataFrame, counts: Sequence[tuple[Found, int]]) -> pd.DataFrame:
+    """Return the table with `run` and `started` as its first columns; so many of its rows belong to each run, in this order."""
+    rows = [count for _, count in counts]
+    started = pd.Series([one.started for one, _ in counts], dtype="str").repeat(rows).reset_index(drop=True)
+    names = pd.Series([one.folder.name for one, _ in counts], dtype="str").repeat(rows).reset_index(drop=True)
+    table.insert(0, "started", pd.to_datetime(started, utc=True, format="ISO8601").astype("datetime64[us, UTC]"))
+    table.insert(0, "run", names)
+    return table
 
 
 def _metric_rows(found: Found, station: str | None) -> list[MetricRow]:
