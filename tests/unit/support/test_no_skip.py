@@ -26,6 +26,7 @@ def outcome_of(text: str, folder: Path, **environment: str) -> subprocess.Comple
     (folder / "test_made_up.py").write_text(text)
     told = {name: value for name, value in os.environ.items() if not name.startswith(("JBCLOG", "PYTEST"))}
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", str(folder)]
+    told |= {"PYTHONPATH": str(CONFTEST.parent)}  # where its `support` is
     return subprocess.run(command, cwd=folder, env=told | environment, capture_output=True, text=True, timeout=200, check=False)
 
 

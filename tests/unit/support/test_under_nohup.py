@@ -33,6 +33,7 @@ def test_programs_that_tests_start_hear_what_nohup_ignores_and_the_suite_does_no
     (tmp_path / "pytest.ini").write_text("[pytest]\n")
     (tmp_path / "test_made_up.py").write_text(TEST)
     told = {name: value for name, value in os.environ.items() if not name.startswith(("JBCLOG", "PYTEST"))}
+    told |= {"PYTHONPATH": str(CONFTEST.parent)}  # where its `support` is
     command = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", str(tmp_path)]
     done = subprocess.run(
         command, cwd=tmp_path, env=told, capture_output=True, text=True, timeout=200, check=False, preexec_fn=ignore
