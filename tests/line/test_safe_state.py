@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
+from jbclog.config.line import parse_line
 from jbclog.core.errors import RecordError
 from jbclog.core.io_requests import Steps
 from jbclog.core.rows import EventRow, SampleRow
@@ -11,8 +14,10 @@ from jbclog.protocol.commands.status import EXTRACTOR, STAND, WORKING
 from jbclog.session.run import station_run as session_run
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.scan import Scanner
+from jbclog.session.safety.secure import LOOK_S
 from jbclog.sim.port import STAND as STANDING
 from jbclog.sim.port import SimPort
+from jbclog.sim.virtual import build_device
 from support.oracles.account import assert_account_holds
 from support.oracles.listed_writes import strange_writes
 from support.virtual.virtual_run import RECIPE, Memory, VirtualRun, is_cold_in_extractor, line_text, prepare
@@ -378,3 +383,67 @@ def test_a_stranger_that_was_plugged_in_at_the_very_end_is_not_written_to() -> N
     run.go()
     assert [one.text for one in run.writes if one.at > run.t0 + 4.5] == []
     assert run.facts.safe_state == {1: "failed", 2: "failed"}
+
+
+JTSE = line_text("tool = 1").replace("dde", "jtse")
+
+
+def exchange(run: VirtualRun, text: str, at_s: float) -> None:
+    """Put the cable into the station that `text` describes, between two questions: the link stands."""
+    (other,) = parse_line(text, Path("line.toml")).stations
+
+    def exchanged() -> None:
+        run.station.device = build_device(other, run.driver.clock.monotonic(), 1)
+
+    run.at(at_s, exchanged)
+
+
+@pytest.mark.parametrize("way_out", ["end", "SIGTERM"])
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (JTSE, "a JTSE, not the DDE"),
+        (line_text().replace("dde", "nae"), "a NAE, not the DDE"),
+        (line_text("software = '7777777'"), "a DDE with software 7777777"),
+    ],
+    ids=["hot air", "another model", "other software"],
+)
+def test_a_stranger_on_a_standing_link_is_not_written_to(text: str, said: str, way_out: str) -> None:
+    """00001 puts a soldering tool to rest and switches hot air on. Nothing broke since the last reading of the counters."""
+    run = prepare(duration_s=12 if way_out == "end" else 60)
+    exchange(run, text, at_s=9)
+    if way_out != "end":
+        run.at(12, lambda: run.driver.end(way_out))
+    run.go()
+    assert [one.text for one in run.writes if one.at > run.t0 + 9] == []
+    assert run.facts.safe_state == {1: "failed", 2: "failed"}
+    assert len(run.facts.unsafe) == 2
+    for sentence in run.facts.unsafe:
+        assert f"(on its cable is now {said}" in sentence
+        assert "may be hot (its temperature is not known); switch the station off" in sentence
+    (event,) = run.memory.of_kind("identity.changed")
+    assert event.severity == "critical"
+
+
+@pytest.mark.parametrize("answer", ["silence", "N 1", "N 2", "damage"])
+def test_the_look_at_the_model_delays_the_safe_order_by_a_moment_at_most(answer: str) -> None:
+    """Only another answer is a sign of another station: whatever else comes, a hot tool gets its order."""
+    run = prepare(duration_s=60)
+    ask, ended = run.station.device.answer, run.t0 + 12
+    told = {"silence": None, "N 1": ("N", "SMN00001"), "N 2": ("N", "SMN00002"), "damage": ("A", "SMNDDF")}[answer]
+    damaged: list[float] = []
+
+    def respond(header: str, text: str, now: float) -> tuple[str, str] | None:
+        if now < ended or "SMN" not in text or (answer == "damage" and damaged):
+            return ask(header, text, now)
+        damaged.append(now)
+        return told
+
+    run.station.device.answer = respond  # type: ignore[method-assign]
+    run.at(12, lambda: run.driver.end("SIGTERM"))
+    run.go()
+    assert damaged
+    orders = [one for one in run.writes if one.at > ended]
+    assert [one.text for one in orders] == ["WPS100001", "WPS200001"]
+    assert orders[0].at - ended < LOOK_S + 0.05
+    assert run.facts.safe_state == {1: "verified", 2: "verified"}

@@ -19,7 +19,7 @@ from jbclog.core.errors import (
 from jbclog.core.io_requests import Reopen, Steps, Wait
 from jbclog.core.quantities import Value
 from jbclog.core.rows import Severity
-from jbclog.protocol.client.confirmed_reads import NOT_DRIVEN, START_TRIES, kind_problem, pause, unanswered_read
+from jbclog.protocol.client.confirmed_reads import NOT_DRIVEN, START_TRIES, kind_problem, pause, read_confirmed, unanswered_read
 from jbclog.protocol.client.interface import expect_quiet
 from jbclog.protocol.client.timing import LEAST_ANSWERED, READS, response_time
 from jbclog.protocol.commands.family import ROBOT, model_not_accepted_text, other_model_text, unknown_model_text
@@ -136,6 +136,24 @@ def recognise(context: SessionContext, model: str | None) -> Steps[bool]:
     return context.is_proven
 
 
+def is_still_there(context: SessionContext) -> Steps[bool]:
+    """Whether the standing link gives no sign of another station: a quick look at model and software before the safe order.
+
+    Only another answer is a sign. A station that is silent, refuses, or is garbled counts as there: it was proven before, and a hot
+    tool must not wait for more.
+    """
+    try:
+        for name in IDENTITY_READS:
+            known = _identity(context, name)
+            if known is not None and known != (yield from read_confirmed(context.station, context.command(name), known=known)):
+                return False
+    except LinkError:
+        return False
+    except StationError:
+        return True
+    return True
+
+
 def _other_kind(context: SessionContext) -> Steps[str | None]:
     """Describe why a station with an accepted name is of another kind than at the start; None where it is not."""
     why = yield from unanswered_read(context.station, context.family, min(context.ports))
@@ -168,15 +186,19 @@ def expect_same(context: SessionContext, number: int, hours: Value) -> None:
 
 def is_this_identity(context: SessionContext, name: str, value: Value) -> bool:
     """Whether `value` is the model or software that the station had at the start."""
-    return value == (context.facts.model if name == IDENTITY_READS[0] else context.facts.software)
+    return value == _identity(context, name)
+
+
+def _identity(context: SessionContext, name: str) -> str | None:
+    """Return the model or software that the station had at the start; None where it reported none."""
+    return context.facts.model if name == IDENTITY_READS[0] else context.facts.software
 
 
 def expect_identity(context: SessionContext, name: str, value: Value) -> None:
     """Raise `OtherStation` where a model or software just read is not that of this run's station."""
     if not is_this_identity(context, name, value):
-        known = context.facts.model if name == IDENTITY_READS[0] else context.facts.software
-        what = name.replace("_", " ")
-        raise OtherStation(f"its {what} is {value}, and was {known}", since=context.identity_at.get(name, context.order.t0))
+        since = context.identity_at.get(name, context.order.t0)
+        raise OtherStation(f"its {name.replace('_', ' ')} is {value}, and was {_identity(context, name)}", since=since)
     context.identity_at[name] = context.now
 
 

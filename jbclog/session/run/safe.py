@@ -6,7 +6,7 @@ from jbclog.core.io_requests import Steps, Wait
 from jbclog.core.rows import Severity
 from jbclog.core.states import SafetyResult
 from jbclog.session.run.context import PortState, SessionContext
-from jbclog.session.run.identify import recognise, report_flood
+from jbclog.session.run.identify import is_still_there, recognise, report_flood
 from jbclog.session.safety.secure import secure
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
@@ -41,18 +41,17 @@ def put_in_safe_state(context: SessionContext, port: PortState) -> Steps[None]:
 def _put(context: SessionContext, ports: list[PortState], *, feeds: bool) -> Steps[SafetyTask]:
     """Make these ports safe. The facts have the result even after an exception."""
     tools = [ToolSafety(port.number, context.keeps_suction(port)) for port in ports]
-    spare = context.spares_resting
-    is_stranger = context.stranger is not None
     task = SafetyTask(
         context.station,
         context.family,
         context.safe_state,
         tools,
         feeds,
-        lambda: _is_ours(context),
-        context.is_proven,
-        spare,
-        is_stranger,
+        prove=lambda: _is_ours(context),
+        is_proven=context.is_proven,
+        look=lambda: is_still_there(context),
+        spare=context.spares_resting,
+        is_stranger=context.stranger is not None,
     )
     context.facts.safe_state |= dict.fromkeys((port.number for port in ports), SafetyResult.FAILED)
     try:
@@ -97,6 +96,8 @@ def _state_of(context: SessionContext, port: PortState) -> str:
 
 def _unsafe_text(context: SessionContext, port: PortState) -> str:
     last = "never read" if port.temperature_c is None else f"last read {port.temperature_c} °C"
+    if context.stranger:
+        last = "its temperature is not known"
     sent = context.facts.safe_state.get(port.number) == SafetyResult.SENT
     what = "was told to go to its safe state and does not confirm it" if sent else "could not be put in its safe state"
     if context.is_flooded:

@@ -20,6 +20,7 @@ from jbclog.session.safety.orders import in_time, look_at_feeder, order, order_b
 from jbclog.session.safety.tools import SafetyTask, ToolSafety
 
 ALLOWED_S = 3.0  # for one station (docs/reference/faults.md, S-2)
+LOOK_S = 0.3  # of these, to ask whether the station is still the one that was identified; it may be silent and still hear
 TRIES = 3
 
 
@@ -28,7 +29,9 @@ def secure(task: SafetyTask) -> Steps[None]:
     task.client.unasked((yield Wait(0.0)))
     begun = task.client.now
     task.end = begun + ALLOWED_S
-    yield from in_time(_in_rounds(task), begun, task.end)
+    if task.look is not None and task.is_proven and not task.client.flow.is_flooded:
+        task.is_proven = yield from in_time(task.look(), begun, begun + LOOK_S)
+    yield from in_time(_in_rounds(task), task.client.now, task.end)
 
 
 def _in_rounds(task: SafetyTask) -> Steps[None]:

@@ -81,7 +81,9 @@ class SafetyTask:
 
     `wanted` is one of the family's safe states; any other, which a foreign lease may name, is replaced by the default. `feeds`: the
     feeder may be running. `is_proven`: the link has not broken since the station was identified; otherwise nothing is
-    written before `prove` succeeds. `spare`: a resting tool is left alone, because an order to stand would wake a sleeping tool.
+    written before `prove` succeeds. `look`: asks over the standing link, before the first order, whether it is still that station,
+    because a status that puts a soldering tool to rest switches hot air on. `spare`: a resting tool is left alone, because an
+    order to stand would wake a sleeping tool.
     """
 
     client: Client
@@ -91,6 +93,7 @@ class SafetyTask:
     feeds: bool
     prove: Prove
     is_proven: bool = True
+    look: Prove | None = None
     spare: bool = False
     is_stranger: bool = False  # no orders over a flooded link: another station was found there before
     flood: LinkFlooded | None = None  # a flood on its link, during which orders are sent without an answer
