@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from jbclog.analysis.run_alarms import Alarms
+    from jbclog.analysis.run_joints import RunJoint
 
 
 class Run(RunTables):
@@ -57,6 +58,15 @@ class Run(RunTables):
 
         return joints_frame(joints_of(self, station))
 
+    def each_joint(self, station: str | None = None, port: int | None = None) -> list[RunJoint]:
+        """Return the same joints as objects: the columns as fields, the unit, and the slice of the samples by `samples()`.
+
+        Raises `RecordError`.
+        """
+        from jbclog.analysis.run_joints import each_joint
+
+        return each_joint(self, station, port)
+
     def metrics(self, station: str | None = None) -> pd.DataFrame:
         """Return a row for each metric of each port: `metric, value, unit, n, coverage, resolution, why`.
 
@@ -75,9 +85,9 @@ class Run(RunTables):
         return definitions()
 
     def plot(self, station: str | None = None, port: int | None = None) -> Figure:
-        """Draw each port as in the report: temperature, power, status, missing data, alarms; days (UTC) on the x axis.
+        """Draw each port as in the report: temperature with setpoint and alarm limits, power, status, joints, missing data, alarms.
 
-        Raises `UsageError` if there are no samples to show.
+        The x axis has days (UTC). Raises `UsageError` if there are no samples to show.
         """
         from jbclog.analysis.run_plot import plot
 

@@ -14,6 +14,8 @@ from jbclog.analysis.figures.marks import happenings, limits_of, marks_of
 from jbclog.analysis.figures.port import draw_at, height_pt
 from jbclog.analysis.figures.style import INK, WIDE, Look
 from jbclog.analysis.figures.trace import Grid, Trace
+from jbclog.analysis.run_joints import joints_of_port, spans_of
+from jbclog.analysis.run_metrics import joints_of
 from jbclog.analysis.run_tables import RunTables
 from jbclog.analysis.verdict import judged_signals
 from jbclog.core.errors import UsageError
@@ -25,7 +27,7 @@ DPI: Final = 130  # of the picture in a notebook
 
 
 def plot(run: RunTables, station: str | None = None, port: int | None = None) -> Figure:
-    """Return a figure of each port: temperature, power, status, missing data, alarms and errors; days (UTC) on the x axis.
+    """Return a figure of each port: temperature, power, status, joints, missing data, alarms and errors; days (UTC) on the x axis.
 
     Raises `UsageError` if there are no samples to show.
     """
@@ -48,7 +50,7 @@ def plot(run: RunTables, station: str | None = None, port: int | None = None) ->
 def _traces(run: RunTables, station: str | None, port: int | None) -> list[tuple[str, int, Trace]]:
     """Return the ports that have samples, in the order of the line file."""
     t0_utc_us = round((run.manifest.t0_utc or 0.0) * 1e6)
-    events, settings = happenings(run.events(), t0_utc_us), run.settings()
+    events, settings, joints = happenings(run.events(), t0_utc_us), run.settings(), joints_of(run, station)
     found = []
     for facts in run.manifest.stations:
         if station not in (None, facts.name):
@@ -57,7 +59,8 @@ def _traces(run: RunTables, station: str | None, port: int | None) -> list[tuple
             of_states, own = "temperature_c" not in judged_signals(facts), int(str(number))
             one = trace(rows, Grid(t0_utc_us, facts.period_s), of_states=of_states, of_air=has_air(facts))
             limits, marks = limits_of(settings, facts.name, own, t0_utc_us), marks_of(events, facts.name, own)
-            found.append((facts.name, own, replace(one, limits=limits, marks=marks)))
+            spans = spans_of(joints_of_port(joints, facts.name, own))
+            found.append((facts.name, own, replace(one, limits=limits, marks=marks, joints=spans)))
     return found
 
 

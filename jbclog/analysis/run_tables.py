@@ -22,7 +22,7 @@ from jbclog.core.capture_rows import LinkRow
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.foreign.tables import bounds_of
 from jbclog.core.rows import StationFacts
-from jbclog.record.annotations import BEGIN, END, late_serials, only_unit
+from jbclog.record.annotations import BEGIN, COLUMNS, END, late_serials, only_unit, units_in
 from jbclog.record.capture import Hole, read_head, rows_and_holes, wire_path
 from jbclog.record.conclude import known_stations
 from jbclog.record.manifest import NAME as MANIFEST
@@ -156,6 +156,24 @@ class RunTables:
             self._sealed = identity, manifest
         return self._sealed[1]
 
+    @property
+    def verdict(self) -> str | None:
+        """The verdict in words; None while there is none."""
+        return self.manifest.verdict
+
+    @property
+    def stations(self) -> list[StationFacts]:
+        """The stations in the order of the line file, each with what the run found out about it. Raises `RecordError`."""
+        return stations_of(self)
+
+    @property
+    def duration(self) -> pd.Timedelta | None:
+        """From start to end on the host's clock; None for a run without a recorded end. Raises `RecordError`."""
+        manifest = self.manifest
+        if manifest.started is None or manifest.ended is None:
+            return None
+        return pd.Timestamp(manifest.ended) - pd.Timestamp(manifest.started)
+
     def _manifest_identity(self) -> tuple[int, ...] | None:
         """Return what changes when the manifest's file changes; None if it is missing."""
         try:
@@ -249,6 +267,23 @@ class RunTables:
         serials = np.array([None, *changes["raw"].where(changes["kind"] == BEGIN, None)], dtype=object)  # first: before any unit
         places = np.searchsorted(_micros(changes["time"]).to_numpy(), micros.to_numpy(), side="right")
         return pd.Series(serials[places], index=micros.index, dtype="string")
+
+    def units(self) -> pd.DataFrame:
+        """Return a row for each unit: `unit` (serial), `begin` and `end` in UTC, missing where not known.
+
+        Units whose serials were read come first, one row for each time on the bench; then those that people only named. A single
+        unit that was named, without any serial read, was there for the whole run. Raises `RecordError`.
+        """
+        manifest, read = self.manifest, units_in(self.groups("events", COLUMNS))
+        late = late_serials(self.folder) if manifest.state == "sealed" else []
+        named = [one for one in dict.fromkeys([*manifest.metadata.units, *late]) if one not in {unit.serial for unit in read}]
+        if not read and only_unit(named, []) is not None:
+            rows = [(named[0], manifest.started, manifest.ended)]
+        else:
+            rows = [(one.serial, one.begin, one.end) for one in read] + [(one, None, None) for one in named]
+        table = pd.DataFrame(rows, columns=["unit", "begin", "end"]).astype({"unit": "string"})
+        times = {name: pd.to_datetime(table[name], utc=True, format="ISO8601").dt.as_unit("us") for name in ("begin", "end")}
+        return table.assign(**times)
 
     def groups(self, table: str, columns: list[str]) -> Iterator[pa.Table]:
         """Yield the rows of a table in order, one row group at a time; rows of the live store come last."""

@@ -12,7 +12,7 @@ contains the fingerprint, and would change it.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
@@ -188,8 +188,13 @@ COLUMNS: Final = ["time", "kind", "raw"]
 
 def units_of(folder: Path) -> list[Unit]:
     """Return the units of a run, from its sealed events."""
+    return units_in(row_groups(folder, "events", COLUMNS))
+
+
+def units_in(events: Iterable[pa.Table]) -> list[Unit]:
+    """Return the units that events tell of; `events` have `COLUMNS`, oldest first."""
     found: list[Unit] = []
-    for group in row_groups(folder, "events", COLUMNS):
+    for group in events:
         marks = group.filter(pc.is_in(group["kind"], pa.array([BEGIN, END])))
         for micros, kind, raw in zip(*(column.to_pylist() for column in _plain(marks)), strict=True):
             if found and found[-1].end is None:

@@ -13,10 +13,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.analysis.figures.canvas import svg_text
-from jbclog.analysis.figures.curves import Floats, Span
+from jbclog.analysis.figures.curves import Floats
 from jbclog.analysis.figures.style import NARROW, WIDE, Format
-from jbclog.analysis.figures.trace import JointEnd
 from jbclog.analysis.run import Run
+from jbclog.analysis.run_joints import joints_of_port
 from jbclog.analysis.run_metrics import joints_and_metrics
 from jbclog.analysis.stored_tables import JOINTS_FILE as JOINTS
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA, joints_parquet
@@ -56,20 +56,11 @@ class Joints:
 
     def of_port(self, station: str, port: int) -> pa.Table:
         """Return the joints of one port."""
-        return self.table.filter(pc.and_(pc.equal(self.table["station"], station), pc.equal(self.table["port"], port)))
+        return joints_of_port(self.table, station, port)
 
     def metrics_of(self, station: str, port: int) -> dict[str, Row]:
         """Return the metrics of one port by their names."""
         return {str(row["metric"]): row for row in self.metrics if row["station"] == station and row["port"] == port}
-
-    def spans(self, station: str, port: int) -> list[Span]:
-        """Return the joints of one port, each with the word for whether the tip was back before the next."""
-        joints = self.of_port(station, port)
-        names = ("start_s", "end_s", "recovered")
-        return [
-            Span(start, end, JointEnd.BACK if back else JointEnd.CUT_OFF if back is None else JointEnd.LATE)
-            for start, end, back in zip(*(joints[name].to_pylist() for name in names), strict=True)
-        ]
 
     def rows(self) -> list[Row]:
         """Return a row for each joint with its unit, for spreadsheets."""

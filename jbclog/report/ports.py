@@ -29,6 +29,7 @@ from jbclog.analysis.figures.port import draw
 from jbclog.analysis.figures.style import NARROW, WIDE, Format
 from jbclog.analysis.figures.ticks import moment
 from jbclog.analysis.figures.trace import Air, Grid, Limit, MarkKind, Trace
+from jbclog.analysis.run_joints import spans_of
 from jbclog.analysis.verdict import PortMeasure, judged_signals
 from jbclog.analysis.verdict.clock_steps import Step
 from jbclog.core.rows import StationFacts, TipCheck
@@ -72,7 +73,7 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
         trace(rows, grid, of_states="temperature_c" not in signals, of_air=has_air(facts)),
         limits=limits_of(context.settings, facts.name, port, context.t0_utc_us),
         marks=marks_of(context.happenings, facts.name, port),
-        joints=context.joints.spans(facts.name, port),
+        joints=spans_of(context.joints.of_port(facts.name, port)),
     )
     measure = context.measures.get((facts.name, port))
     ledger = context.ledger.get(facts.name, {}).get(str(port), {})
