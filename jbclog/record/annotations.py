@@ -192,7 +192,7 @@ def units_of(folder: Path) -> list[Unit]:
 
 
 def units_in(events: Iterable[pa.Table]) -> list[Unit]:
-    """Return the units that events tell of; `events` have `COLUMNS`, oldest first."""
+    """Return the units that events report; `events` have `COLUMNS`, oldest first."""
     found: list[Unit] = []
     for group in events:
         marks = group.filter(pc.is_in(group["kind"], pa.array([BEGIN, END])))
