@@ -124,20 +124,25 @@ def feeds_of(series: Series, draws: Sequence[Draw], stepped_s: float = 0.0) -> F
     """Return joints found and feeds counted between the first and the last reading of the feeder's counter.
 
     The counter has its time in UTC and the joints stand on the run's grid, so the two agree to `EDGE_S` and to `stepped_s`, by
-    which the wall clock was stepped; a joint that is closer to the first or last reading is not known to be inside. `draws` are the
-    joints by heat alone, because joints that the feeder helped to find must not be compared with the feeder.
+    which the wall clock was stepped; a joint that is closer to the first or last reading is not known to be inside. Where the rows end
+    with the last reading, one more may have begun that shows no heat yet. `draws` are the joints by heat alone, because joints that
+    the feeder helped to find must not be compared with the feeder.
     """
     counted = feeds_counted(series)
     if counted.value is None or series.cycles is None:
         return Feeds(0, 0, 0, None, why=counted.why or "")
     start, end = counter_span(series, series.cycles.seconds)
-    sides = [start <= draw.start_s < end for draw in draws if _is_near(draw, (start, end), EDGE_S + stepped_s)]
+    slack_s = EDGE_S + stepped_s
+    near_start, near_end = ([draw for draw in draws if _is_near(draw, edge, slack_s)] for edge in (start, end))
+    sides = [start <= draw.start_s < end for draw in {*near_start, *near_end}]
     found = sum(start <= draw.start_s < end for draw in draws)
-    return Feeds(found, sum(sides), len(sides) - sum(sides), round(counted.value), _unread_s(series, start, end))
+    not_yet_seen = int(not near_end and end >= series.seconds[-1] - slack_s)
+    beyond = len(sides) - sum(sides) + not_yet_seen
+    return Feeds(found, sum(sides), beyond, round(counted.value), _unread_s(series, start, end))
 
 
-def _is_near(draw: Draw, edges: Sequence[float], slack_s: float) -> bool:
-    return any(draw.start_s - slack_s <= edge <= draw.end_s + slack_s for edge in edges)
+def _is_near(draw: Draw, edge: float, slack_s: float) -> bool:
+    return draw.start_s - slack_s <= edge <= draw.end_s + slack_s
 
 
 def _unread_s(series: Series, start: float, end: float) -> float:

@@ -29,9 +29,9 @@ class Recovery:
 class Feeds:
     """Joints found and feeds counted (R-DC) between two readings of the feeder's counter.
 
-    `at_edges`: how many of `found` are so close to one of these readings that they may lie outside. `beyond`: how many outside
-    are so close that they may lie inside. `lost_s`: duration of gaps, in which no joint can be found. `counted`: None if the
-    counter does not show it, for the reason in `why`.
+    `at_edges`: how many of `found` are so close to one of these readings that they may lie outside. `beyond`: how many more
+    may lie inside: found closely outside, or begun where the rows end. `lost_s`: duration of gaps, in which no joint can be found.
+    `counted`: None if the counter does not show it, for the reason in `why`.
     """
 
     found: int
