@@ -124,9 +124,9 @@ def feeds_of(series: Series, draws: Sequence[Draw], stepped_s: float = 0.0) -> F
     """Return joints found and feeds counted between the first and the last reading of the feeder's counter.
 
     The counter has its time in UTC and the joints stand on the run's grid, so the two agree to `EDGE_S` and to `stepped_s`, by
-    which the wall clock was stepped; a joint that is closer to the first or last reading is not known to be inside. Where the rows end
-    with the last reading, one more may have begun that shows no heat yet. `draws` are the joints by heat alone, because joints that
-    the feeder helped to find must not be compared with the feeder.
+    which the wall clock was stepped; a joint that is closer to the first or last reading is not known to be inside. Where the
+    rows end with the last reading, one more may have begun that shows no heat yet. `draws` are the joints by heat alone, because
+    joints that the feeder helped to find must not be compared with the feeder.
     """
     counted = feeds_counted(series)
     if counted.value is None or series.cycles is None:
