@@ -11,6 +11,7 @@ import gc
 import os
 import shutil
 import signal
+import sys
 import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Callable, Generator
@@ -25,6 +26,9 @@ from support import once
 
 settings.register_profile("unhurried", deadline=None)  # a busy machine must not fail a property
 settings.load_profile("unhurried")
+
+sys.dont_write_bytecode = False  # each worker, and each of hundreds of processes that tests start, would compile all anew
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="jbclog-tests-")  # leases that tests leave open are not the user's
 
@@ -81,13 +85,22 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_collection() -> Generator[None, object, object]:
+def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
     """Leave out the collector of cycles while ten thousand tests are made that all stay."""
+    _begin_elsewhere(session.config)
     gc.disable()
     try:
         return (yield)
     finally:
         gc.enable()
+
+
+def _begin_elsewhere(config: pytest.Config) -> None:
+    """Have each worker begin with other files: in a new clone it then finds compiled what the others began with."""
+    if hasattr(config, "workerinput") and [Path(each).resolve() for each in config.args] == [UNIT.parent]:
+        files = sorted(path for path in UNIT.parent.rglob("test_*.py") if not pytest_ignore_collect(path, config))
+        first = len(files) * int(config.workerinput["workerid"].removeprefix("gw")) // config.workerinput["workercount"]
+        config.args = [*map(str, files[first:]), *map(str, files[:first])]
 
 
 def pytest_collection_finish() -> None:
@@ -130,7 +143,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if is_fast(item.path) and not any(map(item.get_closest_marker, ("campaign", "bench", "soak"))):
             item.add_marker(pytest.mark.fast)
-    files = list(dict.fromkeys(item.path for item in items))
+    files = sorted({item.path for item in items})
     waiting = [path for path in files if path.parent.name == WAITING]
     computing = [path for path in files if path.parent.name != WAITING]
     place = {path: number / len(group) for group in (waiting, computing) for number, path in enumerate(group)}
