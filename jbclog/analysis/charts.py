@@ -8,7 +8,7 @@ the judged runs of a day (p chart); a Pareto chart ranks alarms by limit, and lo
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from typing import Final
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from jbclog.analysis import spc
 from jbclog.analysis.alarms import Detector, Episode
-from jbclog.analysis.run import Run
+from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.runs import Runs
 from jbclog.analysis.spc.refusal import there_are
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA
@@ -274,13 +274,18 @@ def alarms_in_run(run: Run, every_s: float) -> Counted:
 def alarms_in_runs(runs: Runs) -> Counted:
     """Return the u chart of alarms by our samples, per run over its hours."""
     names, counts, sizes = [], [], []
-    for run in runs:
-        span = _span(run)
+    for one, (span, episodes) in runs.each(lambda one: _counted_in(open_run(one.folder))):
         if span is not None:
-            names.append(run.name)
-            counts.append(float(len(_episodes(run))))
+            names.append(one.folder.name)
+            counts.append(float(episodes))
             sizes.append((span[1] - span[0]) / 3600)
     return _u("alarms", "runs", names, np.array(counts), np.array(sizes))
+
+
+def _counted_in(run: Run) -> tuple[tuple[float, float] | None, int]:
+    """Return the time that a run spans, and its number of alarms by our samples."""
+    span = _span(run)
+    return span, 0 if span is None else len(_episodes(run))
 
 
 def rejects(runs: Runs) -> Counted:
@@ -298,20 +303,34 @@ def rejects(runs: Runs) -> Counted:
     return Counted("rejects", "p", names, counts, sizes, refused or spc.shares(counts, sizes))
 
 
-def ranked_alarms(runs: Iterable[Run]) -> Ranked:
+def ranked_alarms(source: Run | Runs) -> Ranked:
     """Return the Pareto chart of alarms by our samples, by station, port and limit."""
-    return ranked("alarms", Counter(f"{one.station} port {one.port} {one.side}" for run in runs for one in _episodes(run)))
+    return ranked("alarms", _added(source, _alarm_counts))
 
 
-def ranked_losses(runs: Iterable[Run]) -> Ranked:
+def ranked_losses(source: Run | Runs) -> Ranked:
     """Return the Pareto chart of lost readings, by station and reason."""
+    return ranked("losses", _added(source, loss_counts))
+
+
+def _added(source: Run | Runs, count: Callable[[Run], Counter[str]]) -> Counter[str]:
+    if isinstance(source, Run):
+        return count(source)
+    return sum((counts for _, counts in source.each(lambda one: count(open_run(one.folder)))), Counter())
+
+
+def _alarm_counts(run: Run) -> Counter[str]:
+    return Counter(f"{one.station} port {one.port} {one.side}" for one in _episodes(run))
+
+
+def loss_counts(run: Run) -> Counter[str]:
+    """Return the number of lost readings of a run by station and reason."""
     lost: Counter[str] = Counter()
-    for run in runs:
-        for station, ports in run.manifest.ledger.items():
-            for signals in ports.values():
-                for counts in signals.values():
-                    lost.update({f"{station} {reason}": n for reason, n in counts.items() if reason not in NO_LOSS and n})
-    return ranked("losses", lost)
+    for station, ports in run.manifest.ledger.items():
+        for signals in ports.values():
+            for counts in signals.values():
+                lost.update({f"{station} {reason}": n for reason, n in counts.items() if reason not in NO_LOSS and n})
+    return lost
 
 
 def ranked(metric: str, counted: Mapping[str, int]) -> Ranked:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import struct
 import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,12 +23,13 @@ from jbclog.core.capture_rows import LinkRow
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.foreign.tables import bounds_of
 from jbclog.core.rows import StationFacts
+from jbclog.core.text import shortened
 from jbclog.record.annotations import BEGIN, COLUMNS, END, late_serials, only_unit, units_in
 from jbclog.record.capture import Hole, read_head, rows_and_holes, wire_path
 from jbclog.record.conclude import known_stations
 from jbclog.record.manifest import NAME as MANIFEST
 from jbclog.record.manifest import Manifest, read_manifest
-from jbclog.record.parts import Damage, groups_of, part_paths, parts_through
+from jbclog.record.parts import groups_of, part_paths, parts_through, summary_of
 from jbclog.record.schema import SCHEMAS
 from jbclog.record.sealed_files import expect_manifest_unchanged, expect_unchanged
 from jbclog.record.store import segments
@@ -39,6 +41,10 @@ Moment = str | datetime | pd.Timestamp
 Times = Sequence[object] | pd.Series | pd.DatetimeIndex
 """UTC moments: Timestamps, datetimes, or strings with a zone."""
 
+HELD_ROWS: Final = 500_000  # of a live store, in memory at once
+MOST_WHOLE: Final = 128 << 20  # bytes of events, settings or counters: half a million events, more than a million counters
+MOST_SAID: Final = 2000  # characters of a warning
+LEFT_OUT: Final = "These rows are left out; `jbclog recover` finishes the run and keeps its live store in damaged/."
 MICROSECONDS: Final = struct.Struct("<q")  # a time in the statistics of a Parquet footer
 
 
@@ -136,6 +142,7 @@ class RunTables:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._sealed: tuple[tuple[int, ...], Manifest] | None = None
+        self._said: set[str] = set()
 
     @property
     def name(self) -> str:
@@ -294,7 +301,13 @@ class RunTables:
         return list(self.groups(table, columns))
 
     def _frame(self, selection: Selection) -> pd.DataFrame:
-        pieces = list(self._groups(selection))
+        pieces, size = list[pa.Table](), 0
+        for piece in self._groups(selection):
+            pieces.append(piece)
+            size += piece.nbytes
+            if size > MOST_WHOLE and selection.table != "samples":
+                why = f"{self.folder}: its {selection.table} take more than {MOST_WHOLE >> 20} MiB and are not read as a whole"
+                raise RecordError(f"{why}; `stream` reads them in pieces")
         return frame(pa.concat_tables(pieces) if pieces else SCHEMAS[selection.table].empty_table().select(list(selection.columns)))
 
     def _select(
@@ -313,26 +326,33 @@ class RunTables:
         return select(table, columns, station, port, start, stop)
 
     def _groups(self, selection: Selection) -> Iterator[pa.Table]:
-        """Yield row groups of the parts, then those of the live store; each is cut before the next is read."""
-        parts, live, damage = self._read(selection)
-        if damage:
-            warnings.warn(f"{self.folder}: {'; '.join(map(str, damage))}", stacklevel=4)
-        yield from map(selection.cut, groups_of(parts, selection.needed))
-        yield from live
+        """Yield row groups of the parts, then those of the live store; each is cut before the next is read.
 
-    def _read(self, selection: Selection) -> tuple[list[Path], list[pa.Table], list[Damage]]:
-        """Return the parts, the rows that only the live store has, and the store's damage.
-
-        The order matters: a snapshot of the store first, then manifest and parts, so that no row moves between them unseen.
+        The order matters: a snapshot of the store first, then manifest and parts, so that no row moves between them unseen. The
+        snapshot of a small store is read at once: one that is held for long makes the log of a recorder at work grow.
         """
-        with StoreReader(self.folder) as store:
+        with ExitStack() as opened:
+            store = opened.enter_context(StoreReader(self.folder))
             manifest = self.manifest
             parts = part_paths(self.folder, selection.table)
             if manifest.state == "sealed":
                 expect_unchanged(self.folder, manifest, selection.table, parts)
             numbers = store.numbers_of(selection.table, parts_through(parts))
-            live = [selection.cut(piece.select(selection.needed)) for piece in store.tables(numbers)]
-            return [part for part in parts if selection.may_have(part)], live, store.damage
+            live: Iterator[pa.Table] = (selection.cut(piece.select(selection.needed)) for piece in store.tables(numbers))
+            if store.rows <= HELD_ROWS:
+                live = iter([*live])
+                opened.close()
+            elif numbers:
+                self._say_once(f"{store.rows} rows in its live store are read now; this takes longer than from a sealed run")
+            yield from map(selection.cut, groups_of([part for part in parts if selection.may_have(part)], selection.needed))
+            yield from live
+        if store.damage:
+            self._say_once(f"{shortened('; '.join(summary_of(store.damage)), MOST_SAID)}. {LEFT_OUT}")
+
+    def _say_once(self, text: str) -> None:
+        if text not in self._said:
+            self._said.add(text)
+            warnings.warn(f"{self.folder}: {text}", stacklevel=2)
 
 
 def stations_of(run: RunTables) -> list[StationFacts]:

@@ -9,12 +9,12 @@ for piece in runs.samples(columns=["time", "station", "port", "temperature_c"]):
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from functools import cached_property
 from math import isclose
 from pathlib import Path
-from typing import Final, overload
+from typing import Final, TypeVar, overload
 
 import pandas as pd
 import pyarrow as pa
@@ -23,10 +23,14 @@ from jbclog.analysis.notebook_html import runs_html
 from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.run_tables import Moment, utc
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA, MetricRow, metric_table, stored_metrics
-from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.errors import RecordError, UsageError, unexpected_error_text
+from jbclog.core.text import shortened
 from jbclog.record.find_runs import SEALED, Filter, Found, Unreadable, find
 from jbclog.record.manifest import manifest_sha256
 
+T = TypeVar("T")
+
+MOST_SAID: Final = 500  # characters of why a run cannot be read
 TEXTS: Final = ("run", "state", "verdict", "line", "operator", "order", "product", "exit_status", "lost", "changed")
 TIMES: Final = ("started", "ended")
 LISTS: Final = ("stations", "recipes", "units", "wire_lots", "flux_lots", "tips")
@@ -37,7 +41,8 @@ WHAT_A_RATE_CHANGES: Final = "results (joints, recovery, dips, alarm episodes, e
 class Runs(Sequence[Run]):
     """The runs that match a filter, in the order of their starts. Reads manifests at first use, and tables at each call.
 
-    `unreadable` has the folders whose manifest cannot be read, so that a match is not known. `refreshed()` searches again.
+    `unreadable` has the folders whose manifest cannot be read, so that a match is not known, and those that `each` could not
+    read. `refreshed()` searches again.
     """
 
     def __init__(self, folder: Path, wanted: Filter) -> None:
@@ -59,7 +64,7 @@ class Runs(Sequence[Run]):
 
     @property
     def unreadable(self) -> list[Unreadable]:
-        """Folders whose manifest cannot be read, and why."""
+        """Folders whose manifest, or what was asked of its tables, cannot be read, and why."""
         return self._search[1]
 
     def refreshed(self) -> Runs:
@@ -119,14 +124,36 @@ class Runs(Sequence[Run]):
                 yield piece
 
     def metrics(self, station: str | None = None) -> pd.DataFrame:
-        """Return the metrics of all runs (`Run.metrics`), `run` and `started` as the first columns."""
-        found = [*self.metric_rows(station)]
+        """Return the metrics of all runs (`Run.metrics`), `run` and `started` as the first columns.
+
+        Raises `RecordError` for a run that cannot be read.
+        """
+        found = [(one, _metric_rows(one, station)) for one in self.found]
         table = metric_table([row for _, rows in found for row in rows])
         return _with_runs(table, [(one, len(rows)) for one, rows in found])
 
     def metric_rows(self, station: str | None = None) -> Iterator[tuple[Found, list[MetricRow]]]:
-        """Yield each run with its rows of `metrics`."""
-        return ((one, _metric_rows(one, station)) for one in self.found)
+        """Yield each run that can be read with its rows of `metrics`."""
+        return self.each(lambda one: _metric_rows(one, station))
+
+    def each(self, read: Callable[[Found], T]) -> Iterator[tuple[Found, T]]:
+        """Yield each run with what `read` returns for it. A run that cannot be read blocks no other: it is in `unreadable`."""
+        for one in self.found:
+            try:
+                read_here = read(one)
+            except UsageError:
+                raise
+            except RecordError as error:
+                self._add_unreadable(one.folder, str(error))
+            except Exception as error:  # rows that no recorder wrote
+                self._add_unreadable(one.folder, f"its tables cannot be read: {unexpected_error_text(error)}")
+            else:
+                yield one, read_here
+
+    def _add_unreadable(self, folder: Path, why: str) -> None:
+        one = Unreadable(folder, shortened(why.removeprefix(f"{folder}: "), MOST_SAID))
+        if one not in self.unreadable:
+            self.unreadable.append(one)
 
     def joints(self, station: str | None = None) -> pd.DataFrame:
         """Return the joints of all runs (`Run.joints`), `run` and `started` as the first columns."""

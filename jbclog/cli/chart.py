@@ -10,7 +10,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import NO_FOLDER, expect_file_place, expect_run, is_folder
-from jbclog.cli.output import echo, echo_json, note, reports_errors
+from jbclog.cli.output import echo, echo_json, note, note_unreadable, reports_errors
 from jbclog.core.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
@@ -111,7 +111,9 @@ def _measured(
     if _is_run(source):
         series = series_of_run(open_run(source), metric, station, port)
     else:
-        series = series_of_runs(open_runs(source), metric, station, port)
+        runs = open_runs(source)
+        series = series_of_runs(runs, metric, station, port)
+        note_unreadable(runs)
     tests = ALL_TESTS if all_tests else DEFAULT_TESTS
     fixed = [None if limits is None else limits.of(one) for one in series]
     return [
@@ -130,15 +132,16 @@ def _counted(source: Path, metric: str, kind: str | None, every: str) -> Counted
     if kind not in (None, *possible):
         raise UsageError(f"--kind {kind}: {metric} has the charts {', '.join(possible)}")
     is_run, is_ranked = _is_run(source), (kind or possible[0]) == "pareto"
-    if metric == "rejects":
-        if is_run:
-            raise UsageError("rejects are counted over runs: give a folder of runs")
-        return charts.rejects(open_runs(source))
-    if is_ranked:
-        rank = charts.ranked_alarms if metric == "alarms" else charts.ranked_losses
-        return rank([open_run(source)] if is_run else open_runs(source))
+    rank = charts.ranked_alarms if metric == "alarms" else charts.ranked_losses
     if not is_run:
-        return charts.alarms_in_runs(open_runs(source))
+        runs = open_runs(source)
+        found = charts.rejects(runs) if metric == "rejects" else rank(runs) if is_ranked else charts.alarms_in_runs(runs)
+        note_unreadable(runs)
+        return found
+    if metric == "rejects":
+        raise UsageError("rejects are counted over runs: give a folder of runs")
+    if is_ranked:
+        return rank(open_run(source))
     seconds = span_s(every)
     if not seconds:
         raise UsageError(f"--every {every}: give {EXAMPLES}")

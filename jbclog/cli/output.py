@@ -6,15 +6,19 @@ import os
 import shutil
 import sys
 import textwrap
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from functools import wraps
-from typing import ParamSpec
+from typing import TYPE_CHECKING, ParamSpec
 
 import typer
 
 from jbclog.cli.streams import point_to_null, writes_unicode
 from jbclog.core.errors import JbclogError, Problems, unexpected_error_text
 from jbclog.core.text import clean, json_line
+
+if TYPE_CHECKING:
+    from jbclog.analysis.runs import Runs
 
 P = ParamSpec("P")
 INTERNAL_ERROR = 1
@@ -30,6 +34,12 @@ def note(*lines: str) -> None:
     """Print lines for people on stderr; wraps them between words on a terminal."""
     cleaned = [clean(line) for line in lines]
     _echo([wrapped(line) for line in cleaned] if is_terminal() else cleaned, err=True)
+
+
+def note_unreadable(runs: Runs) -> None:
+    """Print a line for each run that could not be read and was not warned of."""
+    for one in runs.unreadable:
+        note(f"{one.folder}: {one.why}")
 
 
 def echo_json(data: object) -> None:
@@ -93,7 +103,9 @@ def reports_errors(verb: Callable[P, None]) -> Callable[P, None]:
     @wraps(verb)
     def wrapper(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
-            verb(*args, **kwargs)
+            with warnings.catch_warnings():
+                warnings.showwarning = _note_warning
+                verb(*args, **kwargs)
         except JbclogError as error:
             _print_error(error, as_json=bool(kwargs.get("as_json")))
             raise typer.Exit(error.exit_code) from error
@@ -108,6 +120,11 @@ def reports_errors(verb: Callable[P, None]) -> Callable[P, None]:
             raise typer.Exit(INTERNAL_ERROR) from error
 
     return wrapper
+
+
+def _note_warning(message: Warning | str, *_: object, **__: object) -> None:
+    """Print a warning as one line; Python would add its own code and print foreign text as it is."""
+    note(f"warning: {message}")
 
 
 def _print_error(error: JbclogError, *, as_json: bool) -> None:

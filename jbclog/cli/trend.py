@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli.options import NO_FOLDER, expect_file_place, is_folder
-from jbclog.cli.output import echo, echo_json, echo_table, note, reports_errors
+from jbclog.cli.output import echo, echo_json, echo_table, note, note_unreadable, reports_errors
 from jbclog.core.errors import RecordError, UsageError
 
 if TYPE_CHECKING:
@@ -56,8 +56,7 @@ def trend(
 
     runs = _runs(folder, line, recipe, product, order, since, until)
     found = trends(runs, metric, station, port, lower, upper)
-    for one in runs.unreadable:
-        note(f"{one.folder}: {one.why}")
+    note_unreadable(runs)
     _print(found, runs, metric, as_json=as_json)
     if plot is not None or html is not None:
         _draw(found, metric, lower, upper, plot, html)

@@ -31,6 +31,11 @@ def _shown(sign: str) -> str:
     return " " if sign in BLANKS else REPLACEMENT if unicodedata.category(sign) in HIDDEN else sign
 
 
+def shortened(text: str, most: int) -> str:
+    """Return the text with at most `most` characters; states how many are left out."""
+    return text if len(text) <= most else f"{text[:most]}… ({len(text) - most} characters are left out)"
+
+
 def json_line(data: object, *, only_ascii: bool = False) -> str:
     """Format `data` as one line of JSON; invisible characters are escaped."""
     text = json.dumps(data, ensure_ascii=only_ascii, default=str)

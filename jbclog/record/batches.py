@@ -16,11 +16,14 @@ from typing import Final, NamedTuple
 
 import pyarrow as pa
 
+from jbclog.core.foreign.values import expect_values
 from jbclog.record.schema import INT, SCHEMAS
 
 BARE: Final = {table: pa.schema([pa.field(f.name, f.type, f.nullable) for f in schema]) for table, schema in SCHEMAS.items()}
-MOST_ROWS: Final = 1 << 20  # 256 ports at 10 Hz have 2560 a second; rows wait while the disk hangs
-MOST_BYTES: Final = 128 << 20
+ROWS_A_BATCH: Final = 32_768  # that a recorder stores at most: more rows, which wait while the disk hangs, are several batches
+MOST_ROWS: Final = 262_144  # that are read: an earlier recorder of 256 ports at 10 Hz had so many after 100 s of waiting
+MOST_BYTES: Final = 64 << 20  # unpacked; stored and read
+MOST_PACKED: Final = MOST_BYTES + (1 << 16)
 SCHEMA_HEAD, ROWS_HEAD = 1, 3  # kinds of a message
 _U16, _U32 = struct.Struct("<H"), struct.Struct("<I")
 _CODEC: Final = pa.Codec("zstd", compression_level=1)
@@ -72,7 +75,7 @@ def breathe() -> None:
 
 
 def encode(number: int, table: str, values: Sequence[object], breath: Callable[[], None] = breathe) -> Batch:
-    """Encode `values`, rows end to end in the columns' order. Raises NotRows."""
+    """Encode `values`, rows end to end in the columns' order. Raises NotRows, also for rows that would not be read again."""
     columns = _COLUMNS[table]
     width = len(columns)
     rows = len(values) // width
@@ -103,6 +106,8 @@ def _bytes(batch: pa.RecordBatch) -> bytes:
     with pa.ipc.new_stream(sink, batch.schema) as writer:
         writer.write_batch(batch)
     stream = sink.getvalue()
+    if stream.size > MOST_BYTES:
+        raise NotRows(f"{batch.num_rows} rows take {stream.size} bytes; a batch has at most {MOST_BYTES}")
     return struct.pack("<I", stream.size) + bytes(_CODEC.compress(stream, asbytes=True))
 
 
@@ -114,19 +119,31 @@ def decode(batch: Batch, crc: int) -> pa.Table:
     if schema is None:
         raise Damaged(f"no table is called {batch.table!r}")
     if not 0 <= batch.rows <= MOST_ROWS:
-        raise Damaged(f"it has {batch.rows} rows; a recorder's have at most {MOST_ROWS}")
+        raise Damaged(f"too many rows; a recorder's batches have at most {MOST_ROWS}")
+    if len(batch.data) > MOST_PACKED:
+        raise Damaged(f"it has {len(batch.data)} bytes; a recorder's batches have at most {MOST_PACKED}")
     try:
         size = struct.unpack_from("<I", batch.data)[0]
         if size > MOST_BYTES:
-            raise Damaged(f"it has {size} bytes, unpacked; a recorder's have at most {MOST_BYTES}")
+            raise Damaged(f"it has {size} bytes, unpacked; a recorder's batches have at most {MOST_BYTES}")
         stream = _CODEC.decompress(batch.data[4:], decompressed_size=size)
         _expect_plain(stream)
         table = pa.ipc.open_stream(stream).read_all()
         if table.num_rows != batch.rows:
             raise Damaged(f"it has {table.num_rows} rows, not {batch.rows}")
-        return pa.Table.from_arrays(table.columns, schema=schema) if table.schema == BARE[batch.table] else table.cast(schema)
+        table = pa.Table.from_arrays(table.columns, schema=schema) if table.schema == BARE[batch.table] else table.cast(schema)
+        _expect_whole(table)
+        return table
     except (pa.ArrowException, OSError, ValueError, IndexError, struct.error) as error:
         raise Damaged(str(error)) from error
+
+
+def _expect_whole(table: pa.Table) -> None:
+    """Raise Damaged or NotReadable for values that no part may hold: missing where they must not be, or out of range."""
+    for field, column in zip(table.schema, table.columns, strict=True):
+        if column.null_count and not field.nullable:
+            raise Damaged(f"{field.name} has no value in {column.null_count} rows")
+    expect_values(table, "")
 
 
 def _expect_plain(stream: pa.Buffer) -> None:

@@ -39,6 +39,7 @@ from jbclog.record.parts import (
     read_damage,
     row_groups,
     set_aside,
+    summary_of,
     through,
 )
 from jbclog.record.schema import TABLES
@@ -278,7 +279,7 @@ def known_stations(store: StoreReader, known: list[StationFacts]) -> list[Statio
 
 
 def _lost(found: list[Damage], dropped: int) -> Lost | None:
-    parts = [str(one) for one in found]
+    parts = summary_of(found)
     if dropped:
         parts.append(f"{dropped} rows {NOT_KEPT}")
     return Lost(None, "; ".join(parts)) if parts else None

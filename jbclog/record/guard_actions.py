@@ -111,11 +111,13 @@ def take_in(folder: Path, run: str, events: list[EventRow]) -> None:
     """Append those of the guard's events that the sealed ones lack. The live store's must be sealed before."""
     if not events:
         return
-    sealed = [row for group in row_groups(folder, "events") for row in plain_events(group).to_pylist()]
-    known = {(row["time"], row["text"]) for row in sealed}
+    wanted, known, last = {(event.time, event.text) for event in events}, set[tuple[int, str]](), None
+    for group in row_groups(folder, "events"):
+        for last in plain_events(group).to_pylist():
+            known |= {(last["time"], last["text"])} & wanted
     missing = [event for event in events if (event.time, event.text) not in known]
     if missing:
-        chain = Chain.after(sealed[-1]) if sealed else Chain(run)
+        chain = Chain.after(last) if last is not None else Chain(run)
         values: list[object] = []
         for event in missing:
             chain.link(event, values)

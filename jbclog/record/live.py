@@ -28,7 +28,7 @@ from typing import Final
 from jbclog.core.errors import RecordError, cause
 from jbclog.core.locks import CommitStatus, FolderLock
 from jbclog.core.rows import CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts
-from jbclog.record.batches import BARE, Batch, NotRows, encode, keep_pandas_out
+from jbclog.record.batches import BARE, ROWS_A_BATCH, Batch, NotRows, encode, keep_pandas_out
 from jbclog.record.chains import Chain
 from jbclog.record.schema import SCHEMA_VERSION, TABLES
 from jbclog.record.seal import SealChild
@@ -85,6 +85,7 @@ class _Rows:
     """The values of each table's rows end to end, events that are not linked yet, and stations' facts."""
 
     values: dict[str, list[object]] = field(default_factory=_no_values)
+    done: dict[str, int] = field(default_factory=lambda: dict.fromkeys(TABLES, 0))  # how many values are in batches
     events: list[EventRow] = field(default_factory=list)
     facts: dict[str, dict[str, object]] = field(default_factory=dict)
 
@@ -172,14 +173,17 @@ class RowBuffer:
             self._bad_row("events", error)
 
     def _encode(self, table: str, values: list[object]) -> None:
-        """Move `values` into batches of the backlog."""
-        if self._has_encoded(table, values):
-            values.clear()  # needs no memory; deleting a slice may
-        while values:
-            count = self._half(table, len(values))
-            while not self._has_encoded(table, values[:count]):
+        """Move `values` into batches of the backlog, from the place that a failed call reached."""
+        done, most = self._in_work.done, ROWS_A_BATCH * len(BARE[table])
+        while done[table] < len(values):
+            count = min(len(values) - done[table], most)
+            end = done[table] + count
+            while not self._has_encoded(table, values[done[table] : end]):
                 count = self._half(table, count)
-            del values[:count]
+                end = done[table] + count
+            done[table] = end  # needs no memory, as `clear` below; deleting a slice may
+        values.clear()
+        done[table] = 0
 
     def _has_encoded(self, table: str, values: Sequence[object]) -> bool:
         """Add these rows to the backlog as a batch; return False for several rows with an invalid one among them."""

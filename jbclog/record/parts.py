@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -22,7 +22,7 @@ import pyarrow.parquet as pq
 
 from jbclog.core.durable_files import sync_file, sync_folder, write_whole
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, is_plain_folder, read_foreign
+from jbclog.core.foreign.files import Kind, NotReadable, is_plain_folder, read_foreign
 from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.foreign.tables import ParquetTable, metadata_of, open_table
 from jbclog.record.schema import SCHEMAS, TABLES
@@ -45,6 +45,15 @@ class Damage:
 
     def __str__(self) -> str:
         return f"{self.place}: {self.why}" if self.rows is None else f"{self.place}, {self.rows} rows: {self.why}"
+
+
+MOST_SHOWN: Final = 5  # damages in a sentence; `DAMAGE_NOTES` has all
+
+
+def summary_of(found: Sequence[Damage]) -> list[str]:
+    """Return the first damages as text, and the number of the others."""
+    more = len(found) - MOST_SHOWN
+    return [str(one) for one in found[:MOST_SHOWN]] + [f"{more} more places"] * (more > 0)
 
 
 _build_damage: Final = builder(Damage)
@@ -87,6 +96,7 @@ def set_aside(folder: Path, path: Path) -> None:
 # -- parts --------------------------------------------------------------------------------------------------------------------
 
 ROWS_A_GROUP: Final = 32_768  # some 8 MB while it is in memory
+BYTES_A_GROUP: Final = 32 << 20  # long texts; a reader takes four times that
 SPLIT: Final = ("late_us", "scan_us", "temperature_c", "power_permille")
 DIFFERENCES: Final = ("time", "tick", "seq")
 THROUGH: Final = b"jbclog.through"
@@ -174,27 +184,30 @@ def _write(path: Path, table: str, groups: Groups, last: int) -> None:
 
 
 def _compare(path: Path, groups: Groups) -> None:
-    """Raise RecordError unless the file equals `groups`."""
-    with pq.ParquetFile(path, page_checksum_verification=True) as file:
-        written = 0
-        for group in groups():
-            if written >= file.num_row_groups or not file.read_row_group(written).equals(group):
-                raise RecordError(f"{path}: row group {written} is not what was written")
-            written += 1
-        if written != file.num_row_groups:
-            raise RecordError(f"{path}: {file.num_row_groups} row groups instead of {written}")
+    """Raise RecordError unless the file equals `groups` as it will be read: nothing is written that jbclog refuses to read."""
+    try:
+        with open_table(path) as file:
+            written = 0
+            for group in groups():
+                if written >= file.num_row_groups or not file.group(written).equals(group):
+                    raise RecordError(f"{path}: row group {written} is not what was written")
+                written += 1
+            if written != file.num_row_groups:
+                raise RecordError(f"{path}: {file.num_row_groups} row groups instead of {written}")
+    except NotReadable as error:
+        raise RecordError(f"{path} would not be read again: it {error}") from error
 
 
 def regroup(tables: Iterable[pa.Table], rows: int = ROWS_A_GROUP) -> Iterator[pa.Table]:
-    """Yield small tables joined to groups of at least `rows` rows."""
+    """Yield small tables joined to groups of at least `rows` rows, or of `BYTES_A_GROUP`."""
     held: list[pa.Table] = []
-    count = 0
+    count = size = 0
     for table in tables:
         held.append(table)
-        count += table.num_rows
-        if count >= rows:
+        count, size = count + table.num_rows, size + table.nbytes
+        if count >= rows or size >= BYTES_A_GROUP:
             yield pa.concat_tables(held).combine_chunks()
-            held, count = [], 0
+            held, count, size = [], 0, 0
     if count:
         yield pa.concat_tables(held).combine_chunks()
 

@@ -263,7 +263,7 @@ def _lost(found: list[parts.Damage], store: StoreReader) -> Lost:
     if len(ends) == len(found) and not unkept:
         seconds = at_risk_s + sum(ends)
         return Lost(seconds, f"{text} At most the last {seconds:g} s of it are missing.")
-    pieces = [str(one) for one in found] + ([f"{unkept} rows {NOT_KEPT}"] if unkept else [])
+    pieces = parts.summary_of(found) + ([f"{unkept} rows {NOT_KEPT}"] if unkept else [])
     return Lost(None, f"{text} The last {at_risk_s:g} s of it may be missing, and: {'; '.join(pieces)}.")
 
 

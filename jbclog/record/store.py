@@ -19,10 +19,12 @@ from typing import Final
 
 from jbclog.core.durable_files import sync_file, sync_folder
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.database import Database, open_database
-from jbclog.record.batches import Batch
+from jbclog.core.foreign.database import Database, NotAStore, open_database
+from jbclog.record.batches import MOST_PACKED, Batch
 from jbclog.record.schema import SCHEMA_VERSION
 
+MOST_BATCHES: Final = 2_000_000  # of a file: more than two weeks of commits that were never sealed
+MOST_NOTES_BYTES: Final = 16 << 20  # 250 stations take below one
 BUSY_S = 10.0  # a sealing child holds the file for some 0.05 s
 DELETE_AT_ONCE = 40  # batches deleted in one transaction, some 50 ms: the recorder's commit can wait that long
 
@@ -37,6 +39,9 @@ COMMIT;
 """
 COLUMNS = {"batch": ("number", "name", "rows", "crc", "data"), "note": ("kind", "key", "text", "crc")}
 _ADD_BATCH = "INSERT OR REPLACE INTO batch VALUES (?, ?, ?, ?, ?)"  # a batch whose commit was not confirmed is written again
+_INDEX = "SELECT number, substr(name, 1, 20), rows FROM batch ORDER BY number"
+_GET = "SELECT substr(name, 1, 20), rows, crc, length(data), CASE WHEN length(data) <= ? THEN data END FROM batch WHERE number = ?"
+LEAST_NOTE = 64  # bytes that a note takes in memory beside its text
 _SET_NOTE = "INSERT INTO note VALUES (?, ?, ?, ?) ON CONFLICT (kind, key) DO UPDATE SET text = excluded.text, crc = excluded.crc"
 
 META = "meta"  # notes of the store itself: schema, run, last (number stored), sealed (through that number), dropped (rows)
@@ -169,21 +174,33 @@ class Segment:
     def notes(self, kind: str) -> dict[str, str]:
         """Return the notes of a kind by key, without those whose check sum fails."""
         self._db.within()
-        rows = self._db.execute("SELECT key, text, crc FROM note WHERE kind = ?", (kind,))
-        return {key: text for key, text, crc in rows if _note_crc(kind, key, text) == crc}
+        found, size = dict[str, str](), 0
+        for key, text, crc in self._db.execute("SELECT key, text, crc FROM note WHERE kind = ?", (kind,)):
+            size += len(str(key)) + len(str(text)) + LEAST_NOTE
+            if size > MOST_NOTES_BYTES:
+                raise NotAStore(f"its notes have more than {MOST_NOTES_BYTES >> 20} MiB")
+            if isinstance(key, str) and isinstance(text, str) and _note_crc(kind, key, text) == crc:
+                found[key] = text
+        return found
 
-    def index(self) -> dict[int, str]:
-        """Return the table of each batch by its number. Raises sqlite3.DatabaseError for damaged pages."""
+    def index(self) -> Iterator[tuple[int, str, int]]:
+        """Yield number, table and declared rows of each batch. Raises sqlite3.DatabaseError for damaged pages."""
         self._db.within()
-        return {int(number): str(name) for number, name in self._db.execute("SELECT number, name FROM batch ORDER BY number")}
+        rows = self._db.execute(_INDEX)
+        for count, (number, name, declared) in enumerate(rows):
+            if count >= MOST_BATCHES:
+                raise NotAStore(f"it has more than {MOST_BATCHES} batches")
+            yield int(number), str(name), declared if isinstance(declared, int) else 0
 
     def get(self, number: int) -> Stored | None:
-        """Return a batch, None if it is missing. Raises sqlite3.DatabaseError for a damaged page."""
+        """Return a batch, None if it is missing. Raises sqlite3.DatabaseError for a damaged page, `NotAStore` for a large one."""
         self._db.within()
-        row = self._db.execute("SELECT name, rows, crc, data FROM batch WHERE number = ?", (number,)).fetchone()
+        row = self._db.execute(_GET, (MOST_PACKED, number)).fetchone()
         if row is None:
             return None
-        name, rows, crc, data = row
+        name, rows, crc, size, data = row
+        if data is None:
+            raise NotAStore(f"it has {size} bytes; a recorder's batches have at most {MOST_PACKED}")
         sound = isinstance(name, str) and isinstance(rows, int) and isinstance(crc, int) and isinstance(data, bytes)
         return Stored(Batch(number, name, rows, data), crc) if sound else Stored(Batch(number, "", 0, b""), -1)
 
@@ -212,7 +229,7 @@ def refuse_newer(folder: Path) -> None:
                 version = segment.notes(META).get("schema", "") if segment.is_begun() else ""
         except sqlite3.Error:
             continue  # damaged or empty: its reader reports it
-        if version.isdigit() and int(version) > SCHEMA_VERSION:
+        if version.isdecimal() and len(version) < 20 and int(version) > SCHEMA_VERSION:
             known = f"this jbclog knows {SCHEMA_VERSION}. Nothing was changed; use a newer jbclog."
             raise RecordError(f"{path}: written with schema {version}; {known}")
 

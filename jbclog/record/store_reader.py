@@ -13,13 +13,16 @@ from typing import Final
 import pyarrow as pa
 
 from jbclog.core.errors import RecordError
-from jbclog.record.batches import Damaged, decode
-from jbclog.record.parts import Damage, through
+from jbclog.core.foreign.database import NotAStore
+from jbclog.record.batches import MOST_ROWS, Damaged, decode
+from jbclog.record.parts import ROWS_A_GROUP, Damage, through
 from jbclog.record.schema import TABLES
 from jbclog.record.store import FACTS, META, Segment, segments
 
 LEAST_BYTES: Final = 1024  # no batch is smaller, so no file holds more batches than this says
-
+MOST_DAMAGE: Final = 100  # places of damage that are listed
+LARGEST_NUMBER: Final = 1 << 62
+MORE: Final = Damage("the live store", None, f"more than {MOST_DAMAGE} places of it are damaged; the others are not listed")
 
 TRANSIENT: Final = (
     *(sqlite3.SQLITE_IOERR, sqlite3.SQLITE_FULL, sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_NOMEM),
@@ -36,13 +39,17 @@ def expect_damage(path: Path, error: Exception) -> None:
         raise RecordError(f"{path} cannot be read now: {error}; nothing was changed") from error
 
 
+_Place = tuple[str, tuple[Segment, ...]]
+"""The table of a batch, empty if it is none of a run, and the segments that have it."""
+
+
 class StoreReader:
     """A read-only snapshot of all segments of a run's live store. `damage` grows as damage is found.
 
-    A batch in two segments is read from the first in which it is sound. A passing cause (no space for SQLite's index, missing
-    permission, a failing disk) is not damage: any call raises `RecordError`. If files disappear while they are opened, the run is
-    being sealed, and the reader lists them again. Read manifest and parts after this, so that no row is missed: they exist before
-    the store's files are removed.
+    `rows` counts those that the batches declare. A batch in two segments is read from the first in which it is sound. A passing
+    cause (no space for SQLite's index, missing permission, a failing disk) is not damage: any call raises `RecordError`. If files
+    disappear while they are opened, the run is being sealed, and the reader lists them again. Read manifest and parts after this,
+    so that no row is missed: they exist before the store's files are removed.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -54,8 +61,8 @@ class StoreReader:
         """Open and index all segments; return False where a file disappeared meanwhile."""
         self.damage: list[Damage] = []
         self.segments: list[Segment] = []
-        self._where: dict[int, list[Segment]] = {}
-        self._tables: dict[int, str] = {}
+        self._where: dict[int, _Place] = {}
+        self.rows = 0
         there = segments(self.folder)
         with contextlib.ExitStack() as opened:
             try:
@@ -97,16 +104,21 @@ class StoreReader:
         """The number of the last batch that exists or should exist."""
         return max(max(self._where, default=0), self._number("last"), self._number("sealed"))
 
+    @property
+    def mean_rows(self) -> int:
+        """The rows of a batch on average, at least 1."""
+        return max(self.rows // max(len(self._where), 1), 1)
+
     def numbers_of(self, table: str, after: int) -> list[int]:
         """Return the numbers of a table's batches above `after`, ascending."""
-        return [number for number, name in sorted(self._tables.items()) if name == table and number > after]
+        return sorted(number for number, (name, _) in self._where.items() if name == table and number > after)
 
     def tables(self, numbers: Sequence[int]) -> Iterator[pa.Table]:
-        """Yield the rows of these batches; damaged ones are skipped and noted."""
+        """Yield the rows of these batches in pieces of at most `ROWS_A_GROUP`; damaged ones are skipped and noted."""
         for number in numbers:
             table = self._sound(number)
             if table is not None:
-                yield table
+                yield from (table.slice(at, ROWS_A_GROUP) for at in range(0, table.num_rows, ROWS_A_GROUP))
 
     @property
     def was_closed(self) -> bool:
@@ -135,34 +147,42 @@ class StoreReader:
 
     def _number(self, key: str) -> int:
         text = self.notes.get(key, "")
-        return int(text) if text.isdigit() else 0
+        return min(int(text), LARGEST_NUMBER) if text.isdecimal() and len(text) <= len(str(LARGEST_NUMBER)) else 0
 
     def _index(self) -> None:
+        places: dict[_Place, _Place] = {}  # few are different, so that an index of millions of batches stays small
         for segment in self.segments:
-            try:
-                found = segment.index()
-            except sqlite3.DatabaseError as error:
-                expect_damage(segment.path, error)
-                self._note(segment.path.name, None, f"damaged ({error}); its batches were read one by one")
-                found = dict(self._probe(segment))
-            for number, table in found.items():
-                self._where.setdefault(number, []).append(segment)
-                if self._tables.get(number) not in TABLES:
-                    self._tables[number] = table
+            for number, table, rows in self._listed(segment):
+                name, before = self._where.get(number, ("", ()))
+                place = name if name in TABLES else table if table in TABLES else "", (*before, segment)
+                self._where[number] = places.setdefault(place, place)
+                self.rows += rows if not before and 0 <= rows <= MOST_ROWS else 0
         self._note_gaps()
-        for number, table in self._tables.items():
+        for number, (table, _) in self._where.items():
             if table not in TABLES:
                 self._note(f"batch {number}", None, "belongs to no table")
 
-    def _probe(self, segment: Segment) -> Iterator[tuple[int, str]]:
-        """Read every possible number one by one; yield number and table of those that exist."""
+    def _listed(self, segment: Segment) -> Iterator[tuple[int, str, int]]:
+        """Yield number, table and rows of a segment's batches."""
+        try:
+            yield from segment.index()
+        except NotAStore as error:
+            self._note(segment.path.name, None, f"not read further: {error}")
+        except sqlite3.DatabaseError as error:
+            expect_damage(segment.path, error)
+            self._note(segment.path.name, None, f"damaged ({error}); its batches were read one by one")
+            yield from (one for one in self._probe(segment) if segment not in self._where.get(one[0], ("", ()))[1])
+
+    def _probe(self, segment: Segment) -> Iterator[tuple[int, str, int]]:
+        """Read every possible number one by one; yield number, table and rows of those that exist."""
         first = self._number("sealed") + 1
-        end = self._number("last") + 1 if self._number("last") else first + segment.path.stat().st_size // LEAST_BYTES
-        for number in range(first, end):
+        end = first + segment.path.stat().st_size // LEAST_BYTES
+        last = self._number("last")
+        for number in range(first, min(last + 1, end) if last else end):
             with contextlib.suppress(sqlite3.DatabaseError):
                 stored = segment.get(number)
                 if stored is not None:
-                    yield number, stored.batch.table
+                    yield number, stored.batch.table, stored.batch.rows
 
     def _note_gaps(self) -> None:
         """Note missing numbers: they run without a gap from the last deleted to the last stored batch."""
@@ -175,19 +195,20 @@ class StoreReader:
 
     def _sound(self, number: int) -> pa.Table | None:
         why, rows = "missing", None
-        for segment in self._where[number]:
+        table, segments = self._where[number]
+        for segment in segments:
             try:
                 stored = segment.get(number)
                 if stored is not None:
-                    rows = stored.batch.rows
+                    rows = stored.batch.rows if 0 <= stored.batch.rows <= LARGEST_NUMBER else None
                     return decode(stored.batch, stored.crc)
             except (Damaged, sqlite3.DatabaseError) as error:
                 expect_damage(segment.path, error)
                 why = str(error)
-        self._note(f"batch {number} ({self._tables[number]})", rows, why)
+        self._note(f"batch {number} ({table})", rows, why)
         return None
 
     def _note(self, place: str, rows: int | None, why: str) -> None:
-        damage = Damage(place, rows, why)
-        if damage not in self.damage:
-            self.damage.append(damage)
+        if len(self.damage) <= MOST_DAMAGE:
+            damage = Damage(place, rows, why) if len(self.damage) < MOST_DAMAGE else MORE
+            self.damage += [damage] * (damage not in self.damage)

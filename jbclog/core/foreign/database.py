@@ -15,7 +15,7 @@ ENDINGS: Final = ("-wal", "-shm", "-journal")
 STATEMENT_S: Final = 60.0  # the maximum for one statement; an hour of 250 stations takes below one second
 STEPS: Final = 100_000  # instructions of SQLite's virtual machine between two checks of the time
 LIMITS: Final[Mapping[int, int]] = {
-    sqlite3.SQLITE_LIMIT_LENGTH: 256 << 20,
+    sqlite3.SQLITE_LIMIT_LENGTH: 96 << 20,
     sqlite3.SQLITE_LIMIT_SQL_LENGTH: 100_000,
     sqlite3.SQLITE_LIMIT_COLUMN: 100,
     sqlite3.SQLITE_LIMIT_EXPR_DEPTH: 100,

@@ -21,8 +21,8 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from jbclog.core.foreign.files import MIB, Kind, NotReadable, expect_regular, open_foreign
-from jbclog.core.foreign.json_reader import FIRST_S, LARGEST, LAST_S, WHOLE
 from jbclog.core.foreign.parquet_footer import ColumnChunk, RowGroup, ThriftReader, groups_in
+from jbclog.core.foreign.values import expect_values
 
 MAGIC: Final = b"PAR1"
 TAIL: Final = struct.Struct("<I4s")
@@ -34,7 +34,6 @@ ROWS_A_BYTE: Final = 16  # rows without any reading take a quarter of a byte eac
 FREE_ROWS: Final = 1_000_000  # whatever the file's size
 COLUMNS: Final = 200
 PAGES: Final = 4096  # of one column of a row group
-A_SECOND: Final = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}
 TEXTS: Final = (pa.types.is_string, pa.types.is_large_string, pa.types.is_binary, pa.types.is_large_binary)
 
 
@@ -104,7 +103,7 @@ class ParquetTable:
         """Read one row group. Raises `NotReadable` where it exceeds a limit."""
         self._expect_sound(index, columns)
         rows = self._file.read_row_group(index, columns=None if columns is None else list(columns))
-        _expect_values(rows, f"row group {index}")
+        expect_values(rows, f"row group {index}: ")
         return rows
 
     def batches(self, rows: int, columns: Sequence[str] | None = None) -> Iterator[pa.RecordBatch]:
@@ -112,7 +111,7 @@ class ParquetTable:
         for index in range(self.num_row_groups):  # over all at once the library reads ahead
             self._expect_sound(index, columns)
             for batch in self._file.iter_batches(rows, [index], None if columns is None else list(columns), use_threads=False):
-                _expect_values(batch, f"row group {index}")
+                expect_values(batch, f"row group {index}: ")
                 yield batch
 
     def _expect_sound(self, index: int, columns: Sequence[str] | None) -> None:
@@ -145,30 +144,6 @@ class ParquetTable:
     def _as_dictionary(self, index: int, name: str) -> Iterator[pa.RecordBatch]:
         with _own(self._data) as own, pq.ParquetFile(own, read_dictionary=[name]) as file:
             yield from file.iter_batches(GROUP_ROWS, [index], [name], use_threads=False)
-
-
-def _expect_values(rows: pa.Table | pa.RecordBatch, where: str) -> None:
-    """Check that texts are UTF-8, numbers finite and in range, times between 1970 and 2200: the library accepts any bytes.
-
-    Raises `NotReadable` or pa.ArrowException.
-    """
-    rows.validate(full=True)
-    for name, column in zip(rows.schema.names, rows.columns, strict=True):
-        if pa.types.is_floating(column.type):
-            least, most = -LARGEST, LARGEST
-            if pc.all(pc.is_finite(column)).as_py() is False:
-                raise NotReadable(f"{where}: {name} has a value that is not a number")
-        elif pa.types.is_timestamp(column.type):
-            a_second = A_SECOND[column.type.unit]
-            column = column.cast(pa.int64())
-            least, most = FIRST_S * a_second, LAST_S * a_second
-        elif pa.types.is_integer(column.type):
-            least, most = -WHOLE, WHOLE
-        else:
-            continue
-        found = pc.min_max(column).as_py()
-        if found["min"] is not None and not least <= found["min"] <= found["max"] <= most:
-            raise NotReadable(f"{where}: {name} has a value out of range")
 
 
 def _own(data: BinaryIO) -> BinaryIO:

@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 
 from jbclog.record.manifest import DIGEST, END, NAME
 from jbclog.record.schema import SCHEMAS
+from support.faults import large_stores
 
 Bomb = Callable[[Path], None]
 """Made in the place of the file at a path, which is there."""
@@ -212,6 +213,13 @@ STORES: Final[dict[str, Bomb]] = {
     "large numbers": _database(
         _BATCH + _NOTE + "INSERT INTO batch VALUES (9223372036854775807, 'samples', 9223372036854775807, 1, x'00');"
         "INSERT INTO note VALUES ('meta', 'last', '9223372036854775807', 1);"
+    ),
+    "valid batches of 797 325 rows": lambda path: large_stores.write_store(path, large_stores.large_batches(7, 797_325), {}),
+    "a gap after each of 4000 batches": lambda path: large_stores.write_store(
+        path, large_stores.small_batches(range(1, 8000, 2)), {}
+    ),
+    "300 MB of notes": lambda path: large_stores.write_store(
+        path, (), {("facts", str(number)): " " * 1_000_000 for number in range(300)}
     ),
     "noise": lambda path: path.write_bytes(b"SQLite format 3\0" + np.random.default_rng(1).bytes(500_000)) and None,
 }

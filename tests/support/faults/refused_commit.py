@@ -61,7 +61,7 @@ def main(out: Path, many: int, step: int) -> None:
 
 def tables(folder: Path) -> dict[str, list[list[object]]]:
     segment, found = Segment.look(folder / "live.sqlite"), dict[str, list[list[object]]]()
-    for number in segment.index():
+    for number, *_ in segment.index():
         stored = segment.get(number)
         assert stored is not None
         values, width = json.loads(stored.batch.data), len(BARE[stored.batch.table])

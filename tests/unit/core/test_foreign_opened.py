@@ -43,7 +43,6 @@ ALLOWED = {
     "transport/typed_lines.py:open": "a source of units, which is a pipe or a device by its nature; it is polled",
     "record/capture.py:open": "looked at by `expect_regular` in the line before",
     "core/durable_files.py:os.open": "what was just written, to sync it; to add a line, looked at by `expect_opened`",
-    "record/parts.py:ParquetFile": "the part that was written the moment before, to compare it",
     "core/locks.py:os.open": "looked at by `expect_regular` in the line before; nothing is read",
     "sim/links.py:os.open": "a pseudo terminal of a virtual station",
     "record/guard_actions.py:os.open": "read through `read_foreign` before",

@@ -114,7 +114,7 @@ ONE_ROW = pa.record_batch({"x": pa.array([1])})
     ("batch", "why"),
     [
         (stored(packed(bytes(1), MOST_BYTES + 1)), "bytes, unpacked"),
-        (stored(packed(stream_of(ONE_ROW), 10), MOST_ROWS + 1), "rows; a recorder's have at most"),
+        (stored(packed(stream_of(ONE_ROW), 10), MOST_ROWS + 1), "rows; a recorder's batches have at most"),
         (stored(packed(stream_of(ONE_ROW)), 2), "1 rows, not 2"),
         (stored(packed(stream_of(pa.record_batch({"x": pa.array([0] * 99_999)}), "zstd")), 99_999), "packed twice"),
         (stored(packed(stream_of(pa.record_batch({"x": pa.array(["a"]).dictionary_encode()})))), "what no recorder writes"),

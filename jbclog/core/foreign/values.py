@@ -1,0 +1,37 @@
+"""Checks the values of untrusted Arrow tables, which the library accepts whatever they are."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from jbclog.core.foreign.files import NotReadable
+from jbclog.core.foreign.json_reader import FIRST_S, LARGEST, LAST_S, WHOLE
+
+A_SECOND: Final = {"s": 1, "ms": 1_000, "us": 1_000_000, "ns": 1_000_000_000}
+
+
+def expect_values(rows: pa.Table | pa.RecordBatch, where: str) -> None:
+    """Check that texts are UTF-8, numbers finite and in range, times between 1970 and 2200: the library accepts any bytes.
+
+    `where` begins the message. Raises `NotReadable` or pa.ArrowException.
+    """
+    rows.validate(full=True)
+    for name, column in zip(rows.schema.names, rows.columns, strict=True):
+        if pa.types.is_floating(column.type):
+            least, most = -LARGEST, LARGEST
+            if pc.all(pc.is_finite(column)).as_py() is False:
+                raise NotReadable(f"{where}{name} has a value that is not a number")
+        elif pa.types.is_timestamp(column.type):
+            a_second = A_SECOND[column.type.unit]
+            column = column.cast(pa.int64())
+            least, most = FIRST_S * a_second, LAST_S * a_second
+        elif pa.types.is_integer(column.type):
+            least, most = -WHOLE, WHOLE
+        else:
+            continue
+        found = pc.min_max(column).as_py()
+        if found["min"] is not None and not least <= found["min"] <= found["max"] <= most:
+            raise NotReadable(f"{where}{name} has a value out of range")
