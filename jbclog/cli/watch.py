@@ -29,8 +29,8 @@ def watch(
 ) -> None:
     """Watch a run while it is recorded.
 
-    Shows each port with its condition, the last minute, alarms and coverage, the events as they come, and a station in detail. Only
-    reads: watching neither slows down nor changes a run. A value that is stale or was not read is never shown as known.
+    Shows each port with its condition, the last minute, alarms, joints and coverage, the events as they come, and a station in
+    detail. Only reads: watching neither slows down nor changes a run. A value that is stale or not read is never shown as known.
 
     \b
     Example:
@@ -53,7 +53,7 @@ def _show(path: Path) -> None:
         raise UsageError(NOT_INSTALLED.format(error, "watch")) from None
     from jbclog.live import follow
 
-    with follow(path) as follower:
+    with follow(path, joints=True) as follower:
         WatchApp(follower.poll).run()
 
 
@@ -72,5 +72,5 @@ def _serve(path: Path, address: str, port: int, token: str | None) -> None:
     host = f"[{address}]" if ":" in address else address
     query = "" if token is None else f"?token={token}"
     note(f"watching {path} on http://{host}:{opened.getsockname()[1]}/{query}; Ctrl-C ends it")
-    with opened, follow(path) as follower:
+    with opened, follow(path, joints=True) as follower:
         PageServer(follower.poll, Access(address, token), path).run([opened])

@@ -32,12 +32,13 @@ MOST_RUNS: Final = 20  # the newest ones, among which a recorded one is searched
 class Follower:
     """Follows the run at `path`, or the newest run directly below it. Raises RecordError where `path` is no folder.
 
-    Reads only, takes no lock, and may be stopped or killed at any step. Used by one thread at a time.
+    Reads only, takes no lock, and may be stopped or killed at any step. Used by one thread at a time. `joints`: a process of
+    lowest priority counts the joints of each port.
     """
 
-    def __init__(self, path: str | os.PathLike[str], clock: Clock | None = None) -> None:
+    def __init__(self, path: str | os.PathLike[str], clock: Clock | None = None, *, joints: bool = False) -> None:
         self.path = Path(path)
-        self._clock = clock
+        self._clock, self._counts_joints = clock, joints
         self._run: RunFollower | None = None
         expect_answer(self.path)
         if not self.path.is_dir():
@@ -60,7 +61,7 @@ class Follower:
         folder = self.path if self._is_run else current_run(self.path)
         if folder is not None and (self._run is None or self._run.folder != folder):
             self.close()
-            self._run = RunFollower(folder, self._clock)
+            self._run = RunFollower(folder, self._clock, joints=self._counts_joints)
         return None if self._run is None else self._run.poll()
 
     def stream(self, every_s: float = EVERY_S) -> Iterator[RunState]:
@@ -72,9 +73,12 @@ class Follower:
             time.sleep(every_s)
 
 
-def follow(path: str | os.PathLike[str] = "runs") -> Follower:
-    """Return a follower of the run at `path`, or of the newest run below it. Raises RecordError."""
-    return Follower(path)
+def follow(path: str | os.PathLike[str] = "runs", *, joints: bool = False) -> Follower:
+    """Return a follower of the run at `path`, or of the newest run below it. Raises RecordError.
+
+    `joints`: count them too, in a process of lowest priority that ends with the follower.
+    """
+    return Follower(path, joints=joints)
 
 
 def is_run(folder: Path) -> bool:

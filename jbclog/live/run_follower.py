@@ -18,8 +18,9 @@ from jbclog.core.rows import StationFacts
 from jbclog.core.states import StationOutcome
 from jbclog.live.event_history import EventHistory, SettingHistory
 from jbclog.live.heartbeat import DELAYED_S, Heartbeat
+from jbclog.live.joint_numbers import JointNumbers
 from jbclog.live.sample_history import SampleHistory
-from jbclog.live.states import Phase, RunState
+from jbclog.live.states import NOT_COUNTED, Phase, RunState
 from jbclog.live.store_follower import Sealed, StoreFollower
 from jbclog.live.view import RunView
 from jbclog.record.batches import keep_pandas_out
@@ -43,10 +44,10 @@ _build_facts: Final = builder(StationFacts)
 class RunFollower:
     """The run in `folder`, from any moment on. It only reads, takes no lock, and may be stopped or killed at any step.
 
-    Call `poll` about twice a second and `close` at the end. `clock` is for tests.
+    Call `poll` about twice a second and `close` at the end. `clock` is for tests; `joints`: a process counts the joints.
     """
 
-    def __init__(self, folder: Path, clock: Clock | None = None) -> None:
+    def __init__(self, folder: Path, clock: Clock | None = None, *, joints: bool = False) -> None:
         self.folder = folder
         keep_pandas_out()
         self._clock = clock or SystemClock()
@@ -54,6 +55,7 @@ class RunFollower:
         self._manifest: Manifest | None = None
         self._manifest_is: tuple[int, ...] = ()
         self._trouble = ""
+        self._joints = JointNumbers(folder, self._clock) if joints else None
         self._begin()
 
     def _begin(self) -> None:
@@ -66,6 +68,8 @@ class RunFollower:
 
     def close(self) -> None:
         self._store.close()
+        if self._joints is not None:
+            self._joints.close()
 
     def poll(self) -> RunState:
         """Read what is new and return the run as it is now. Trouble with the record is a phase, not an error."""
@@ -91,6 +95,8 @@ class RunFollower:
             samples=self._samples,
             events=self._events,
             settings=self._settings,
+            joints={} if self._joints is None else self._joints.look(has_ended=self._is_sealed),
+            not_counted=NOT_COUNTED if self._joints is None else self._joints.not_counted,
             damage=self._store.damage,
             dropped_rows=self._store.dropped_rows,
             is_whole=self._is_whole,
@@ -98,12 +104,7 @@ class RunFollower:
 
     def _stations(self) -> list[StationFacts]:
         """Return what is known of each station, in the manifest's order; of an ended session the manifest has the last word."""
-        planned = [] if self._manifest is None else self._manifest.stations
-        facts = {one.name: one for one in planned}
-        for name, found in self._facts.items():
-            if name not in facts or facts[name].outcome == StationOutcome.RUNNING:
-                facts[name] = found
-        return list(facts.values())
+        return _merged([] if self._manifest is None else self._manifest.stations, self._facts)
 
     # -- where the run stands -------------------------------------------------------------------------------------------------
 
@@ -244,11 +245,36 @@ class RunFollower:
             self._settings.add_counters(rows)
 
     def _take_facts(self) -> None:
-        for name, text in self._store.changed_facts().items():
-            try:
-                self._facts[name] = _build_facts(json_of(text))
-            except ValueError as error:
-                raise RecordError(f"{self.folder}: the facts of station {name} cannot be read: {error}") from error
+        self._facts |= _facts_in(self._store)
+
+
+def stations_of(folder: Path, manifest: Manifest) -> list[StationFacts]:
+    """Return what is known of each station now. Raises RecordError."""
+    store = StoreFollower(folder)
+    try:
+        store.refresh(None)
+        return _merged(manifest.stations, _facts_in(store))
+    finally:
+        store.close()
+
+
+def _merged(planned: list[StationFacts], live: dict[str, StationFacts]) -> list[StationFacts]:
+    facts = {one.name: one for one in planned}
+    for name, found in live.items():
+        if name not in facts or facts[name].outcome == StationOutcome.RUNNING:
+            facts[name] = found
+    return list(facts.values())
+
+
+def _facts_in(store: StoreFollower) -> dict[str, StationFacts]:
+    """Return the facts in the live store that changed since the last call."""
+    found = {}
+    for name, text in store.changed_facts().items():
+        try:
+            found[name] = _build_facts(json_of(text))
+        except ValueError as error:
+            raise RecordError(f"{store.folder}: the facts of station {name} cannot be read: {error}") from error
+    return found
 
 
 def _groups_in(parts: list[Path]) -> list[tuple[Path, int]]:

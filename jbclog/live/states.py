@@ -69,6 +69,22 @@ class Coverage:
 
 
 @dataclass(frozen=True, slots=True)
+class Joints:
+    """The joints that had ended `age_s` ago, all of them if `age_s` is None; `count` None: not known, `why`.
+
+    `found` is how many were found; where `count` is None these may not be all, or some of them no joints.
+    """
+
+    count: int | None = None
+    found: int = 0
+    age_s: float | None = None
+    why: str | None = None
+
+
+NOT_COUNTED = Joints(why="not counted yet")
+
+
+@dataclass(frozen=True, slots=True)
 class Trace:
     """The last minute of a port: seconds on the run's grid, and the values there; None: not read.
 
@@ -123,6 +139,7 @@ class PortState:
     problems: tuple[str, ...]
     coverage: Coverage
     trace: Trace
+    joints: Joints = NOT_COUNTED
 
     def reading(self, column: str) -> Reading:
         return self.readings.get(column, NOT_READ)

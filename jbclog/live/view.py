@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -11,7 +12,7 @@ from jbclog.core.states import StationOutcome
 from jbclog.live.event_history import EventHistory, SettingHistory
 from jbclog.live.heartbeat import Heartbeat
 from jbclog.live.sample_history import MAIN, Key, Last, Moment, PortHistory, SampleHistory
-from jbclog.live.states import NOT_READ, Condition, Coverage, Phase, PortState, Reading, RunState, StationState
+from jbclog.live.states import NOT_READ, Condition, Coverage, Joints, Phase, PortState, Reading, RunState, StationState
 from jbclog.record.conclude import hot_warning
 from jbclog.record.manifest import Manifest
 
@@ -34,6 +35,8 @@ class RunView:
     samples: SampleHistory
     events: EventHistory
     settings: SettingHistory
+    joints: Mapping[Key, Joints]
+    not_counted: Joints
     damage: list[str]
     dropped_rows: int
     is_whole: bool
@@ -114,6 +117,7 @@ class RunView:
             problems=problems,
             coverage=Coverage(history.obtained + history.missing, history.obtained, self.is_whole),
             trace=history.trace(),
+            joints=self.joints.get(place, self.not_counted),
         )
 
     def _flags(self, place: Key, history: PortHistory) -> tuple[str, ...]:

@@ -6,11 +6,12 @@ some time, and runs only for stations whose recipe has a limit about joints.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from math import ceil
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -18,14 +19,14 @@ import pyarrow.compute as pc
 from jbclog.analysis.joints.draws import Draw
 from jbclog.analysis.joints.joints import FoundJoints, find_joints
 from jbclog.analysis.joints.parameters import JointOptions, options_of
-from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, PortReader, at_once, filtered, floats, micros
+from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, Key, PortReader, at_once, filtered, floats, micros
 from jbclog.analysis.joints.port_rows import CYCLES, cycles_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import counter_span, feeds_counted
 from jbclog.analysis.joints.sweeps import PortSweeps
 from jbclog.analysis.verdict import Feeds, PortJoints, Recovery
-from jbclog.analysis.verdict.clock_steps import Step, steps_of
+from jbclog.analysis.verdict.clock_steps import Step, steps_in
 from jbclog.analysis.verdict.idle import Floats
 from jbclog.analysis.verdict.rules import has_feeder, has_tip
 from jbclog.analysis.verdict.samples import Counts
@@ -37,68 +38,87 @@ from jbclog.record.schema import SCHEMAS
 EDGE_S: Final = 1.0
 NOTHING_RECORDED: Final = "Nothing was recorded at all."
 COUNTERS: Final = ["time", "station", "port", "counter", "value"]
-Evidence = dict[tuple[str, int], PortJoints]
+EVENTS: Final = ["time", "kind", "value"]
+Evidence = dict[Key, PortJoints]
+Read = Callable[[str, list[str]], Iterable[pa.Table]]
+"""Reads these columns of a table of a run, in order, in pieces."""
+
+
+class PortFound(NamedTuple):
+    """The joints of a port; how many rows it has, their distance, and when the last one was read; `series`: with a feeder."""
+
+    found: FoundJoints
+    rows: int
+    period_s: float
+    last_s: float
+    series: Series | None = None
 
 
 def joint_evidence(folder: Path, stations: Sequence[StationFacts], t0_utc: float | None) -> Evidence:
-    """Return the joints of each port of these stations that has a tip; `t0_utc` is the manifest's.
+    """Return the joints of each port of these stations that has a tip; `t0_utc` is the manifest's."""
+    read = partial(row_groups, folder)
+    stepped_s = sum(abs(step.size_s) for step in _steps(read))
+    return {key: _port_joints(one, stepped_s) for key, one in ports_found(folder, read, stations, t0_utc).items()}
+
+
+def ports_found(folder: Path, read: Read, stations: Sequence[StationFacts], t0_utc: float | None) -> dict[Key, PortFound]:
+    """Return the joints of each port of these stations that has a tip; `read` gives the rows, `folder` has the recipes.
 
     Ports without a feeder are read in windows (`sweeps`), the others as a whole.
     """
-    with_tip, clock = [facts for facts in stations if has_tip(facts)], (steps_of(folder), round((t0_utc or 0.0) * 1e6))
-    in_windows, found = [facts for facts in with_tip if not has_feeder(facts)], Evidence()
+    with_tip, clock = [facts for facts in stations if has_tip(facts)], (_steps(read), round((t0_utc or 0.0) * 1e6))
+    options = {facts.name: options_of(joints_asked(folder, facts)) for facts in with_tip}
+    found: dict[Key, PortFound] = {}
+    in_windows = [facts for facts in with_tip if not has_feeder(facts)]
     for some in at_once(in_windows, lambda facts: len(facts.ports), MOST_PORTS):
-        found.update(_in_windows(folder, some, *clock))
-    found.update(_whole(folder, [facts for facts in with_tip if has_feeder(facts)], *clock))
+        reader = PortReader(some, partial(read, "samples"), *clock, MOST_ROWS)
+        ports = {(facts.name, port): PortSweeps(options[facts.name]) for facts in some for port in facts.ports}
+        reader.sweep(ports)
+        found |= {
+            key: PortFound(port.found, reader.rows(key), reader.period_s(key), reader.last_s(key)) for key, port in ports.items()
+        }
+    for some in at_once([facts for facts in with_tip if has_feeder(facts)], _rows, MOST_ROWS):
+        found |= _whole(PortReader(some, partial(read, "samples"), *clock, MOST_ROWS), some, read, options)
     return {(facts.name, port): found[facts.name, port] for facts in with_tip for port in facts.ports}
 
 
-def _in_windows(folder: Path, stations: Sequence[StationFacts], steps: Sequence[Step], t0_us: int) -> Evidence:
-    rows = PortReader(stations, lambda columns: row_groups(folder, "samples", columns), steps, t0_us, MOST_ROWS)
-    options = {facts.name: options_of(joints_asked(folder, facts)) for facts in stations}
-    ports = {(facts.name, port): PortSweeps(options[facts.name]) for facts in stations for port in facts.ports}
-    rows.sweep(ports)
-    return {key: _port_joints(port.found, rows.rows(key), rows.period_s(key)) for key, port in ports.items()}
+def _whole(
+    reader: PortReader, stations: Sequence[StationFacts], read: Read, options: Mapping[str, JointOptions]
+) -> dict[Key, PortFound]:
+    found, counters = {}, {facts.name: _counters(read, facts.name) for facts in stations}
+    for (name, port), (plain, utc_us) in reader.whole().items():
+        counted = filtered(counters[name], pc.equal(counters[name]["port"], port))
+        series = replace(plain, cycles=_cycles(counted, utc_us, plain.seconds))
+        last_s = float(series.seconds[-1]) if len(series.seconds) else 0.0
+        joints = find_joints(series, options[name])
+        found[name, port] = PortFound(joints, len(series.seconds), series.period_s, last_s, series)
+    return found
 
 
-def _port_joints(found: FoundJoints, rows: int, period_s: float, feeds: Feeds | None = None) -> PortJoints:
-    """Return the joints found in so many rows as evidence."""
-    if not rows:
+def _port_joints(port: PortFound, stepped_s: float) -> PortJoints:
+    """Return the joints of a port as evidence."""
+    found = port.found
+    if not port.rows:
         return PortJoints(why=NOTHING_RECORDED)
-    recoveries, unseen_joints = [_recovery(joint) for joint in found.joints], _possibly_unseen(rows * period_s, found)
+    feeds = None
+    if port.series is not None and found.heat_why is None:
+        why = found.number_why
+        feeds = feeds_of(port.series, found.by_heat, stepped_s) if why is None else Feeds(0, 0, 0, None, why=why)
+    recoveries, unseen_joints = [_recovery(joint) for joint in found.joints], _possibly_unseen(port.rows * port.period_s, found)
     return PortJoints(recoveries, feeds, found.heat_why or found.why, unseen_joints, found.unseen_s)
 
 
-def _whole(folder: Path, stations: Sequence[StationFacts], steps: Sequence[Step], t0_us: int) -> Evidence:
-    found, stepped_s = Evidence(), sum(abs(step.size_s) for step in steps)
-    for some in at_once(stations, _rows, MOST_ROWS):
-        reader = PortReader(some, lambda columns: row_groups(folder, "samples", columns), steps, t0_us, MOST_ROWS)
-        options = {facts.name: options_of(joints_asked(folder, facts)) for facts in some}
-        counters = {facts.name: _counters(folder, facts.name) for facts in some}
-        for (name, port), (series, utc_us) in reader.whole().items():
-            cycles = _cycles(filtered(counters[name], pc.equal(counters[name]["port"], port)), utc_us, series.seconds)
-            found[name, port] = _whole_port(replace(series, cycles=cycles), options[name], stepped_s)
-    return found
+def _steps(read: Read) -> list[Step]:
+    return [step for events in read("events", EVENTS) for step in steps_in(events)]
 
 
 def _rows(facts: StationFacts) -> int:
     return len(facts.ports) * ((facts.last_tick or 0) - (facts.first_tick or 0) + 1)
 
 
-def _counters(folder: Path, station: str) -> pa.Table:
-    pieces = [filtered(group, pc.equal(group["station"], station)) for group in row_groups(folder, "counters", COUNTERS)]
+def _counters(read: Read, station: str) -> pa.Table:
+    pieces = [filtered(group, pc.equal(group["station"], station)) for group in read("counters", COUNTERS)]
     return pa.concat_tables([SCHEMAS["counters"].empty_table().select(COUNTERS), *pieces])
-
-
-def _whole_port(series: Series, options: JointOptions, stepped_s: float) -> PortJoints:
-    if not len(series.seconds):
-        return PortJoints(why=NOTHING_RECORDED)
-    found = find_joints(series, options)
-    feeds = None
-    if found.heat_why is None:
-        why = found.number_why
-        feeds = feeds_of(series, found.by_heat, stepped_s) if why is None else Feeds(0, 0, 0, None, why=why)
-    return _port_joints(found, len(series.seconds), series.period_s, feeds)
 
 
 def _possibly_unseen(seconds: float, found: FoundJoints) -> int:

@@ -33,11 +33,12 @@ def steps_of(folder: Path) -> list[Step]:
     found = []
     for part in sorted((folder / "events").glob("part-*.parquet")):
         with open_table(part) as table:
-            found += [step for events in table.groups(["time", "kind", "value"]) for step in _steps_in(events)]
+            found += [step for events in table.groups(["time", "kind", "value"]) for step in steps_in(events)]
     return found
 
 
-def _steps_in(events: pa.Table) -> list[Step]:
+def steps_in(events: pa.Table) -> list[Step]:
+    """Return the steps among these events."""
     rows = zip(events["time"].cast("int64").to_pylist(), events["kind"].to_pylist(), events["value"].to_pylist(), strict=True)
     return [Step(time / 1e6, value) for time, kind, value in rows if kind == "clock.step" and value]
 

@@ -69,6 +69,8 @@ def _port(port: PortState, sent_s: float | None) -> Json:
         "power": words.power_text(port.power),
         "status": words.reading_text(port.status),
         "row": f"{words.age_text(port.row_age_s)} ago",
+        "joints": words.joints_text(port.joints),
+        "joints_why": words.joints_why(port.joints),
         "coverage": words.coverage_text(port.coverage),
         "wrong": [clean(text) for text in (*port.alarms, *port.problems)],
         "trace": _points(port.trace, sent_s),

@@ -196,4 +196,5 @@ def _port_text(port: PortState, width: int) -> str:
     """A port with the plot of its last minute."""
     lines = words.port_lines(port, width)
     lines[3:4] = words.plot(port.trace, width, PLOT_LINES)
-    return "\n".join([f"{words.port_name(port)}: {str(port.condition).upper()}", *lines])
+    why = words.joints_why(port.joints)
+    return "\n".join([f"{words.port_name(port)}: {str(port.condition).upper()}", *lines, *([why] if why else [])])

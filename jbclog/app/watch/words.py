@@ -12,6 +12,7 @@ from jbclog.live import (
     Condition,
     Counter,
     Coverage,
+    Joints,
     NumberedEvent,
     Phase,
     PortState,
@@ -25,6 +26,7 @@ from jbclog.live.sample_history import TRACE_S
 SEVERITIES: Final = (Severity.INFO, Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
 BLOCKS: Final = "▁▂▃▄▅▆▇█"
 SPAN_C: Final = 5.0  # the least range of a sparkline, so that noise does not look like a change
+OLD_COUNT_S: Final = 60.0  # from which on a number of joints has its age beside it
 LABEL: Final = 8  # columns of the labels of a plot
 NO_RUN: Final = "no run yet"
 WORST: Final = tuple(Condition)
@@ -65,6 +67,18 @@ def coverage_text(coverage: Coverage) -> str:
     return f"coverage {share} % of {coverage.due}" + ("" if coverage.is_whole else ", still counting")
 
 
+def joints_text(joints: Joints) -> str:
+    """``joints 12``, ``joints 12 (3 min ago)``, or that their number is not known; `joints_why` has the reason."""
+    if joints.count is not None:
+        return f"joints {joints.count}" + (f" ({age_text(joints.age_s)} ago)" if (joints.age_s or 0.0) > OLD_COUNT_S else "")
+    return "joints not known" + (f" ({joints.found} found)" if joints.found else "")
+
+
+def joints_why(joints: Joints) -> str:
+    """Why the number of joints is not known; empty where it is."""
+    return "" if joints.why is None else f"joints: {clean(joints.why)}"
+
+
 def port_name(port: PortState) -> str:
     tool = f" {port.tool}" if port.tool else ""
     return clean(f"{port.station} port {port.port}{tool}")
@@ -75,7 +89,7 @@ def port_lines(port: PortState, width: int) -> list[str]:
     lines = [f"now {reading_text(port.temperature, '°C')}", f"set {reading_text(port.setpoint, '°C')}"]
     lines += [f"power {power_text(port.power)} · {reading_text(port.status)}"]
     lines += [sparkline(port.trace, width)]
-    lines += [f"row {age_text(port.row_age_s)} ago · {coverage_text(port.coverage)}"]
+    lines += [f"row {age_text(port.row_age_s)} ago · {joints_text(port.joints)}", coverage_text(port.coverage)]
     return lines + [f"! {clean(text)}" for text in (*port.alarms, *port.problems)]
 
 

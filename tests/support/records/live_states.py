@@ -10,6 +10,7 @@ from jbclog.live import (
     Condition,
     Counter,
     Coverage,
+    Joints,
     NumberedEvent,
     Phase,
     PortState,
@@ -52,6 +53,7 @@ def port(number: int, condition: Condition, temperature: Reading, station: str =
         "problems": (),
         "coverage": Coverage(12_000, 12_000, is_whole=True),
         "trace": trace(depth=20),
+        "joints": Joints(128, 128, 4.0),
     }
     return PortState(station, number, condition=condition, **{**fields, **more})  # type: ignore[arg-type]
 
@@ -64,7 +66,7 @@ def run(folder: Path = Path("runs/20261123T060000Z-bench-3-k7qd"), phase: Phase 
     dde = station(
         "dde-1",
         port(1, Condition.NORMAL, known(349)),
-        port(2, Condition.ALARM, known(392), alarms=("T 392 °C is above the limit of 380 °C.",)),
+        port(2, Condition.ALARM, known(392), alarms=("T 392 °C is above the limit of 380 °C.",), joints=Joints(96, 96, 190.0)),
         settings=(
             Setting(1, "T210", "temperature_select_c", "350", "°C", "confirmed"),
             Setting(None, None, "pin", None, "", "refused"),
@@ -78,8 +80,27 @@ def run(folder: Path = Path("runs/20261123T060000Z-bench-3-k7qd"), phase: Phase 
     )
     strange = station(
         "nae-1",
-        port(1, Condition.ATTENTION, known(350), "nae-1", problems=(f"Station error: {HOSTILE}",), trace=Trace()),
-        port(2, Condition.ENDED, Reading(), "nae-1", tool=None, readings={}, row_age_s=None, coverage=Coverage(), trace=Trace()),
+        port(
+            1,
+            Condition.ATTENTION,
+            known(350),
+            "nae-1",
+            problems=(f"Station error: {HOSTILE}",),
+            trace=Trace(),
+            joints=Joints(None, 7, 4.0, "Between 1 and 7 were found."),
+        ),
+        port(
+            2,
+            Condition.ENDED,
+            Reading(),
+            "nae-1",
+            tool=None,
+            readings={},
+            row_age_s=None,
+            coverage=Coverage(),
+            trace=Trace(),
+            joints=Joints(why="not counted yet"),
+        ),
     )
     events = (
         EventRow(T0_US, "run.start", Severity.INFO, "The run begins."),

@@ -81,7 +81,7 @@
     put(tile.now, port.now);
     tile.now.classList.toggle("unknown", !port.known);
     put(tile.facts, `set ${port.set} · power ${port.power} · ${port.status}`);
-    put(tile.row, `row ${port.row} · ${port.coverage}`);
+    put(tile.row, `row ${port.row} · ${port.joints} · ${port.coverage}`);
     put(tile.wrong, port.wrong.join(" · "));
     tile.button.setAttribute("aria-label", `Details of ${port.name}`);
     addPoints(tile.trace, port.trace);
@@ -189,7 +189,7 @@
     if (!tile || !tile.port) { find("detail").close(); return; }
     const { port } = tile, station = last.stations.find((one) => one.name === port.station) || { settings: [], counters: [] };
     put(find("detail-name"), port.name);
-    put(find("detail-state"), [port.condition.toUpperCase(), port.now, `set ${port.set}`, `power ${port.power}`, ...port.wrong].join(" · "));
+    put(find("detail-state"), [port.condition.toUpperCase(), port.now, `set ${port.set}`, `power ${port.power}`, port.joints_why || port.joints, ...port.wrong].join(" · "));
     put(find("settings"), station.settings.join("\n") || "none read");
     put(find("counters"), station.counters.join("\n") || "none read");
     const seconds = plot.data[0], { min, max } = plot.scales.x;

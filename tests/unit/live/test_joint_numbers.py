@@ -1,0 +1,124 @@
+"""The joints of a run that goes on: as many as its record has afterwards, and not known where they are not known."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from jbclog.analysis.joints.evidence import NOTHING_RECORDED
+from jbclog.analysis.run import open_run
+from jbclog.core.clock import SystemClock
+from jbclog.core.locks import commit_status
+from jbclog.live import Follower, RunState
+from jbclog.live.joint_counter import ENDED_S, count
+from jbclog.live.joint_numbers import ENDED, JointNumbers
+from support.records import sealed_run
+from support.records.live_rows import Recording
+
+WAIT_S = 30.0
+ROWS, PART, COMMIT = 1500, 600, 500
+
+
+class Soldering(Recording):
+    """Port 1 solders a joint each five seconds; port 2 has no rows."""
+
+    def solder(self, through: int) -> None:
+        columns = sealed_run.samples(ROWS)
+        temperature, power = columns["temperature_c"].astype(int).tolist(), columns["power_permille"].astype(int).tolist()
+        for tick in range(self.tick, through):
+            time_us = self.began_us + tick * 100_000
+            self.store.sample(self.row(1, time_us, temperature_c=temperature[tick], power_permille=power[tick]))
+            self.tick += 1
+        self.commit()
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Iterator[Soldering]:
+    made = Soldering(tmp_path)
+    yield made
+    made.abandon()
+
+
+def ended(recording: Soldering) -> int:
+    """How many joints the finished record has that end long enough before the last row."""
+    joints = open_run(recording.folder).joints()
+    return int((joints["end_s"] <= (recording.tick - 1) / 10 - ENDED_S).sum())
+
+
+def test_the_numbers_are_those_of_the_record(recording: Soldering) -> None:
+    recording.solder(COMMIT)
+    first, second = count(recording.folder).ports
+    assert (first.count, first.why) == (ended(recording), None)
+    assert first.found > 5
+    assert (second.count, second.why) == (None, NOTHING_RECORDED)  # and not 0
+    recording.solder(PART)
+    recording.seal_part()
+    recording.solder(ROWS)
+    assert count(recording.folder).ports[0].count == ended(recording) > 20
+    recording.finalize()
+    final = count(recording.folder)
+    assert final.is_final
+    assert final.ports[0].count == len(open_run(recording.folder).joints())
+
+
+def test_nothing_that_is_not_committed_is_counted(recording: Soldering) -> None:
+    recording.solder(COMMIT)
+    before = count(recording.folder)
+    recording.store._ending = True  # its thread does not write the lock again
+    recording.store._thread.join()
+    status = commit_status(recording.folder)
+    recording.solder(ROWS)
+    recording.store.lock.write_status(status)
+    assert count(recording.folder).ports == before.ports
+
+
+def until_counted(follower: Follower) -> RunState:
+    end = time.monotonic() + WAIT_S
+    while (run := follower.poll()) is None or run.ports[0].joints.count is None:
+        assert time.monotonic() < end, run
+        time.sleep(0.05)
+    return run
+
+
+def test_a_follower_has_them_from_a_process_that_ends_with_it(recording: Soldering) -> None:
+    recording.solder(COMMIT)
+    with Follower(recording.folder, joints=True) as follower:
+        run = follower.poll()
+        assert run is not None
+        assert [(port.joints.count, port.joints.why) for port in run.ports] == [(None, "not counted yet")] * 2
+        joints = until_counted(follower).ports[0].joints
+        assert joints.count == ended(recording)
+        assert joints.age_s is not None
+        recording.finalize()
+        end = time.monotonic() + WAIT_S
+        while (run := follower.poll()) is None or run.ports[0].joints.age_s is not None:  # asked for the last count
+            assert time.monotonic() < end, run
+            time.sleep(0.05)
+        assert run.ports[0].joints.count == len(open_run(recording.folder).joints())
+        assert follower._run is not None
+        numbers = follower._run._joints
+    assert numbers is not None
+    assert numbers._process is None
+
+
+def test_without_being_asked_nothing_is_counted(recording: Soldering) -> None:
+    recording.solder(COMMIT)
+    with Follower(recording.folder) as follower:
+        run = follower.poll()
+        assert run is not None
+        assert run.ports[0].joints.why == "not counted yet"
+        assert follower._run is not None
+        assert follower._run._joints is None
+
+
+def test_a_killed_process_leaves_numbers_not_known(recording: Soldering) -> None:
+    numbers = JointNumbers(recording.folder, SystemClock())
+    assert numbers._process is not None
+    numbers._process.kill()
+    numbers._process.wait()
+    assert numbers.look(has_ended=False) == {}
+    assert numbers.not_counted.why == ENDED
+    numbers.close()
