@@ -254,12 +254,12 @@ def is_done(path: Path) -> bool:
 def mend(path: Path) -> int:
     """Cut off an incomplete block at the end; return the number of bytes. Raises OSError.
 
-    Cuts only if nothing intact follows, and never a whole file that may be something else.
+    Cuts only if nothing intact follows, nothing that exceeds a limit, and never a whole file that may be something else.
     """
     last: Block | Gap | None = None
     for last in blocks(path):  # noqa: B007  # the last one counts
         pass
-    if not isinstance(last, Gap) or not (last.start or _has_begun(path)):
+    if not isinstance(last, Gap) or last.is_refused or not (last.start or _has_begun(path)):
         return 0
     expect_regular(path, Kind.WIRE)
     with path.open("r+b") as file:

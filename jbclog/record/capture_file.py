@@ -99,7 +99,13 @@ HEAD: Final = struct.Struct("<10sH2sH4II")
 FIELD_BYTES: Final = HEAD.size - 16
 PIECE: Final = 1 << 16
 MOST_BYTES: Final = 64 << 20  # of a decompressed block: three times what a recorder writes
+MOST_LINES: Final = 32_768  # of a block: a recorder's has at most 20 002
 MOST_LINE: Final = 1 << 20
+FREE_BYTES: Final = 256 << 20  # that a file may unpack to, whatever its size,
+RATIO: Final = 50  # and beyond that so many times its size; a busy link has seven, a flooded one hundreds for a while
+FREE_LINES: Final = 10_000  # and beyond these no more lines than packed bytes: the time of each line takes four
+NOT_OURS: Final = "no recorder writes that; restore the file from a copy"
+STEP: Final = 1 << 20  # bytes unpacked at a time
 SEARCHED: Final = 4 << 20  # bytes at a time
 LEVEL, WINDOW, MEMORY = 6, 13, 7  # of zlib: nearly as small as 9 and 15, in a quarter of the memory
 
@@ -118,13 +124,17 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """What is lost: its bytes in the file (`end` excluded), its number of lines (None: not known), and why."""
+    """What is lost: its bytes in the file (`end` excluded), its number of lines (None: not known), and why.
+
+    `is_refused`: the bytes may be intact, and exceed a limit.
+    """
 
     start: int
     end: int
     first_line: int
     next_line: int | None
     why: str
+    is_refused: bool = False
 
     def __str__(self) -> str:
         where = f"bytes {self.start} to {self.end - 1}" if self.end > self.start else f"at byte {self.start}"
@@ -216,20 +226,38 @@ def _places_of_heads(data: _Bytes) -> Iterator[int]:
 
 def _numbered(data: _Bytes, first: _Label, labels: Iterator[_Label]) -> Iterator[Block | Gap]:
     """Yield the intact blocks, and gaps between them."""
-    end, number, line, why = 0, 0, 1, ""
+    end, number, line, why, is_refused, unpacked = 0, 0, 1, "", False, 0
     for label in _chain(first, labels):
         is_next = label.kin == first.kin and label.number >= number and label.length <= MOST_BYTES
-        text = _text(data[label.at : label.at + label.length]) if is_next else None
-        if text is None:
-            why = why or _doubt(label, first, number)
+        text, size = _unpack(data[label.at : label.at + label.length]) if is_next else (None, 0)
+        unpacked += size
+        too_much = _excess_of_file(unpacked, label.at + label.length)
+        excess = too_much or _excess_of_block(text)
+        if text is None or excess:
+            why, is_refused = why or excess or _doubt(label, first, number), is_refused or bool(excess)
+            if too_much:
+                break
             continue
         if label.at > end or label.number > number:
-            yield Gap(end, label.at, line, label.first_line, why or ("damaged" if label.at > end else "missing"))
+            missing = why or ("damaged" if label.at > end else "missing")
+            yield Gap(end, label.at, line, label.first_line, missing, is_refused)
         block = Block(label.first_line, text)
         yield block
-        end, number, line, why = label.at + label.length, label.number + 1, block.next_line, ""
+        end, number, line, why, is_refused = label.at + label.length, label.number + 1, block.next_line, "", False
     if end < len(data):
-        yield Gap(end, len(data), line, None, why or "damaged, or not written to its end")
+        yield Gap(end, len(data), line, None, why or "damaged, or not written to its end", is_refused)
+
+
+def _excess_of_block(text: str | None) -> str:
+    """Return which limit a block exceeds; empty where none."""
+    lines = 0 if text is None else text.count("\n")
+    return f"a block of {lines} lines; a recorder's have at most {MOST_LINES} ({NOT_OURS})" if lines > MOST_LINES else ""
+
+
+def _excess_of_file(unpacked: int, packed: int) -> str:
+    if unpacked <= max(FREE_BYTES, RATIO * packed):
+        return ""
+    return f"unpacks to more than {FREE_BYTES >> 20} MiB and {RATIO} times its size ({NOT_OURS})"
 
 
 def _chain(first: _Label, others: Iterator[_Label]) -> Iterator[_Label]:
@@ -243,21 +271,28 @@ def _doubt(label: _Label, first: _Label, number: int) -> str:
     return "damaged" if label.number >= number else "stands here a second time"
 
 
-def _text(member: bytes) -> str | None:
-    """Return the lines of a gzip member if its checksum and size are right; else None."""
-    unpacker = zlib.decompressobj(16 + zlib.MAX_WBITS)
+def _unpack(member: bytes) -> tuple[str | None, int]:
+    """Return the lines of a gzip member if its checksum and size are right, else None; and the bytes that were unpacked."""
+    unpacker, pieces, size, left = zlib.decompressobj(16 + zlib.MAX_WBITS), list[bytes](), 0, member
     try:
-        text = unpacker.decompress(member, MOST_BYTES).decode()
+        while not unpacker.eof and size <= MOST_BYTES:
+            piece = unpacker.decompress(left, STEP)
+            left = unpacker.unconsumed_tail
+            if not (piece or left):
+                return None, size
+            pieces.append(piece)
+            size += len(piece)
+        text = b"".join(pieces).decode()
     except (zlib.error, UnicodeDecodeError):
-        return None
-    return text if unpacker.eof and not unpacker.unused_data and text.endswith("\n") else None
+        return None, size
+    return text if unpacker.eof and not unpacker.unused_data and text.endswith("\n") else None, size
 
 
 def _singles(data: _Bytes) -> Iterator[Block | Gap]:
     """Yield the lines of a file of format 1, once its only checksum is verified."""
-    end = _sound_end(data)
+    end, why = _sound_end(data)
     if end is None:
-        yield Gap(0, len(data), 1, None, "no block of it can be proven")
+        yield Gap(0, len(data), 1, None, why or "no block of it can be proven", bool(why))
         return
     line = 1
     for text in _lines(data):
@@ -268,36 +303,42 @@ def _singles(data: _Bytes) -> Iterator[Block | Gap]:
         yield Gap(end, len(data), line, None, "stands behind its end")
 
 
-def _unpacked(data: _Bytes) -> Iterator[tuple[bytes, int | None]]:
-    """Yield the first member in small pieces, and its end with the last. Raises zlib.error."""
+def _unpacked(data: _Bytes) -> Iterator[tuple[bytes, int, int | None]]:
+    """Yield the first member in small pieces, each with the bytes taken so far, and its end with the last. Raises zlib.error."""
     unpacker = zlib.decompressobj(16 + zlib.MAX_WBITS)
     for place in range(0, len(data), PIECE):
         left = data[place : place + PIECE]
         while left and not unpacker.eof:
-            yield unpacker.decompress(left, PIECE), None
+            yield unpacker.decompress(left, PIECE), min(place + PIECE, len(data)), None
             left = unpacker.unconsumed_tail
         if unpacker.eof:
-            yield b"", min(place + PIECE, len(data)) - len(unpacker.unused_data)
+            end = min(place + PIECE, len(data)) - len(unpacker.unused_data)
+            yield b"", end, end
             return
 
 
-def _sound_end(data: _Bytes) -> int | None:
-    """Return the end of the first member; None if it is damaged, or holds no lines of text."""
-    end, rest = None, b""
+def _sound_end(data: _Bytes) -> tuple[int | None, str]:
+    """Return the end of the first member; None if it is damaged, holds no lines of text, or exceeds a limit, and which."""
+    end, rest, lines, unpacked = None, b"", 0, 0
     try:
-        for piece, end in _unpacked(data):  # noqa: B007  # the last one counts
+        for piece, taken, end in _unpacked(data):  # noqa: B007  # the last one counts
             whole, rest = _split(rest + piece)
             whole.decode()
+            lines, unpacked = lines + whole.count(b"\n"), unpacked + len(piece)
+            if lines > max(FREE_LINES, taken):
+                return None, f"unpacks to more than {lines} lines from {taken} bytes; each takes a byte or more ({NOT_OURS})"
+            if excess := _excess_of_file(unpacked, taken):
+                return None, excess
             if len(rest) > MOST_LINE:
-                return None
+                return None, ""
     except (zlib.error, UnicodeDecodeError):
-        return None
-    return None if rest else end
+        return None, ""
+    return None if rest else end, ""
 
 
 def _lines(data: _Bytes) -> Iterator[str]:
     rest = b""
-    for piece, _ in _unpacked(data):
+    for piece, _, _ in _unpacked(data):
         whole, rest = _split(rest + piece)
         if whole:
             yield whole.decode()

@@ -23,6 +23,7 @@ from jbclog.core.foreign.files import expect_answer
 from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import StationFacts
 from jbclog.record import capture, guard_actions, parts, sealed_files
+from jbclog.record.capture_file import NOT_OURS
 from jbclog.record.conclude import (
     NOT_KEPT,
     TOOK_OVER,
@@ -184,6 +185,7 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     sealed = conclude(folder, manifest, lock)
     rows = rows_of(sealed)
     text = f"{folder.name}: recovered, {_counted(rows)} sealed; exit status {sealed.exit_status}, verdict {sealed.verdict}."
+    text += f" {sealed.wire}" if sealed.wire is not None and NOT_OURS in sealed.wire else ""
     unsafe = [facts.name for facts in sealed.stations if facts.unsafe]
     return _recovery(folder, Outcome.RECOVERED, text + (f" {sealed.lost.text}" if sealed.lost else ""), rows, unsafe)
 
@@ -306,8 +308,9 @@ def _lacking(path: Path) -> Iterator[str]:
             path.unlink()
             yield f"{name}: empty."
             return
-        yield from (f"{name}: {text}." for text in sealed_files.losses(path))
-        if not capture.is_done(path):
+        found = [*sealed_files.losses(path)]
+        yield from (f"{name}: {text}." for text in found)
+        if not any(NOT_OURS in text for text in found) and not capture.is_done(path):
             yield f"{name} ends before its session: at most the last {AT_RISK_S:g} s are missing, or what wire.failed says."
     except OSError as error:
         yield f"{name} cannot be read: {error.strerror or error}."

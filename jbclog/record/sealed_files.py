@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from jbclog.core.errors import RecordError
-from jbclog.record.capture import FOLDER, Head, holes, is_done, read_head, wire_paths
+from jbclog.record.capture import FOLDER, Head, Hole, holes, is_done, read_head, wire_paths
 from jbclog.record.conclude import sealed_file
 from jbclog.record.manifest import NAME, Manifest, RunState, wrong_digest
 
@@ -61,16 +61,19 @@ CHANGED: Final = "was changed: its SHA-256 is not the manifest's"
 
 def losses(path: Path) -> Iterator[str]:
     """Yield a sentence for each stretch of a capture file that is damaged or unreadable."""
-    head = None
+    head, why, found = None, "", list[Hole]()
     try:
         head = read_head(path)
     except RecordError as error:
-        yield _portable(error, path)
+        why = _portable(error, path)
     try:
-        for hole in holes(path):
-            yield hole.describe(head)
+        found = holes(path)
     except RecordError as error:
-        yield _portable(error, path)
+        yield why or _portable(error, path)
+        return
+    if why and not any(hole.gap.is_refused for hole in found):
+        yield why
+    yield from (hole.describe(head) for hole in found)
 
 
 def _portable(error: RecordError, path: Path) -> str:

@@ -231,6 +231,7 @@ def _packed(byte: bytes, times: int) -> Bomb:
 
 WIRES: Final[dict[str, Bomb]] = {
     "300 MB of blanks, packed": _packed(b" ", 300_000_000),
+    "a table of 36 MB of junk, packed": lambda path: large_stores.junk_lines(path, 1_000_000),
     "300 MB of lines, packed": _packed(b"\n", 300_000_000),
     "noise": lambda path: path.write_bytes(np.random.default_rng(1).bytes(100_000)) and None,
 }

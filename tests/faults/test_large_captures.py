@@ -1,0 +1,105 @@
+"""Serial captures that unpack to far more than a recorder's: refused in one line within their limits, counted and cut by nobody."""
+
+from __future__ import annotations
+
+import gzip
+import time
+import zlib
+from pathlib import Path
+
+import pytest
+
+from jbclog.record import capture_file
+from jbclog.record.capture import COLUMNS, Head, count_rows, head_line, mend, wire_path
+from jbclog.record.capture_file import MOST_LINES, Block, Gap, blocks, packed
+from jbclog.record.check import check
+from jbclog.record.recover import recover
+from jbclog.record.sealed_files import losses
+from support.faults.large_stores import crashed_run, junk_lines, small_batches
+
+HEAD = head_line(Head("a", "/dev/ttyUSB0", "tht.toml", 1.0, 1_790_000_000.0))
+KIN = zlib.crc32(HEAD.encode())
+
+
+def block_file(path: Path, texts: list[str]) -> None:
+    """A capture of blocks with these lines after its head."""
+    path.parent.mkdir(exist_ok=True)
+    data, line = b"", 1
+    for number, text in enumerate([COLUMNS + HEAD, *texts]):
+        data += packed(text, number, line, KIN)
+        line += text.count("\n")
+    path.write_bytes(data)
+
+
+def rows(count: int, size: int = 4) -> str:
+    return "".join(f"{1.0 + number / 1000!r}\theard\t{'00' * size}\n" for number in range(count))
+
+
+@pytest.mark.parametrize("kind", ["one member of lines", "blocks of lines"])
+def test_a_bomb_is_one_line_and_no_lines(tmp_path: Path, kind: str) -> None:
+    """It took recover 44 s, and 90 million lines were sealed."""
+    folder = crashed_run(tmp_path, small_batches([1, 2, 3]))
+    path = wire_path(folder, "a")
+    if kind == "one member of lines":
+        junk_lines(path, 1_000_000)
+    else:
+        block_file(path, ["x\n" * 1_000_000] * 3)
+    size, began = path.stat().st_size, time.process_time()
+    done = recover(folder)
+    assert time.process_time() - began < 5
+    assert done.rows["wire"] <= 1
+    assert path.stat().st_size == size
+    found = [str(one) for one in check(folder)]
+    assert len(found) == 1, found
+    for said in (found[0], done.text):
+        assert "wire/a.tsv.gz" in said
+        assert "no recorder writes that; restore the file from a copy" in said
+
+
+def test_lines_of_a_block_are_limited_to_what_a_recorder_may_write(tmp_path: Path) -> None:
+    path = wire_path(tmp_path, "a")
+    block_file(path, [rows(MOST_LINES), rows(MOST_LINES + 1), rows(3)])
+    found = [*blocks(path)]
+    assert [isinstance(one, Gap) for one in found] == [False, False, True, False]
+    assert f"at most {MOST_LINES}" in str(found[2])
+    assert count_rows(path) == 1 + MOST_LINES + 3
+
+
+def test_what_it_unpacks_to_is_limited_by_its_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = wire_path(tmp_path, "a")
+    block_file(path, [rows(100, 1000)] * 20)
+    assert count_rows(path) == 2001
+    monkeypatch.setattr(capture_file, "FREE_BYTES", 1 << 20)
+    *whole, gap = blocks(path)
+    assert all(isinstance(one, Block) for one in whole)
+    assert isinstance(gap, Gap)
+    assert "unpacks to more than 1 MiB and 50 times its size" in str(gap)
+    assert gap.end == path.stat().st_size
+    assert mend(path) == 0, "what exceeds a limit is not cut off"
+
+
+def test_what_fails_after_much_unpacking_counts_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = wire_path(tmp_path, "a")
+    block_file(path, [rows(1)] + [" " * 3_000_000 + "no end"] * 20)
+    monkeypatch.setattr(capture_file, "FREE_BYTES", 10 << 20)
+    unpacked: list[int] = []
+    unpack = capture_file._unpack
+    monkeypatch.setattr(capture_file, "_unpack", lambda member: unpacked.append(1) or unpack(member))
+    assert [type(one) for one in blocks(path)] == [Block, Block, Gap]
+    assert len(unpacked) == 6
+
+
+def test_a_member_that_unpacks_to_much_is_refused_on_the_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(capture_file, "FREE_BYTES", 1 << 20)
+    path = wire_path(tmp_path, "a")
+    path.parent.mkdir()
+    path.write_bytes(gzip.compress(COLUMNS.encode() + (b" " * 500_000 + b"\n") * 200))
+    assert ["unpacks to more than 1 MiB" in text for text in losses(path)] == [True]
+
+
+def test_a_flooded_link_is_read(tmp_path: Path) -> None:
+    """The same frame again and again packs to a hundredth."""
+    path = wire_path(tmp_path, "a")
+    block_file(path, [rows(5000, 1024)] * 2)
+    assert path.stat().st_size * 50 < 2 * 5000 * 2048
+    assert [type(one) for one in blocks(path)] == [Block] * 3
