@@ -10,7 +10,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import Color
-from jbclog.cli.output import echo_json, echo_table, note, reports_errors
+from jbclog.cli.output import echo_json, note, reports_errors
 from jbclog.cli.streams import never_wait
 from jbclog.core.errors import UsageError
 
@@ -55,7 +55,7 @@ def batch(
     from jbclog.app.batch.journal import home_of
     from jbclog.app.batch.resume import prepare
     from jbclog.app.batch.single_batch import hold
-    from jbclog.cli.batch_progress import END_COLUMNS, beginning, facts, intentions, local, shown_by, table
+    from jbclog.cli.batch_progress import beginning, facts, intentions, local, print_table, shown_by
     from jbclog.config.job_order import SystemZone
     from jbclog.config.jobs_file import load_jobs
 
@@ -76,7 +76,7 @@ def batch(
         if as_json:
             echo_json(facts(shift, out, code))
         else:
-            echo_table(END_COLUMNS, table(shift, out))
+            print_table(shift, out)
             note(f"journal: {shift.journal.store.path}; exit code {code}")
         executor.finish()
         note(shift.state.closing)

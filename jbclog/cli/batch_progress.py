@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -9,16 +11,15 @@ from typing import TYPE_CHECKING, Final
 
 from jbclog.app.batch.state import State
 from jbclog.cli.options import Color
-from jbclog.cli.output import is_terminal
-from jbclog.cli.progress import EventFilter, event_line
-from jbclog.cli.terminal import Column, Printer, fitting_table, moment, span, span_of, started_live
+from jbclog.cli.output import echo_table, is_terminal, note
+from jbclog.cli.progress import EventFilter, coverage_text, event_line, goal_text
+from jbclog.cli.terminal import Column, Printer, fitting, fitting_table, moment, span, span_of, started_live
 from jbclog.config.durations import span_s
-from jbclog.core.rows import Severity
-from jbclog.core.text import clean
+from jbclog.core.rows import JOINTS, EventRow, Goal
 
 if TYPE_CHECKING:
+    from rich.console import Group
     from rich.live import Live
-    from rich.table import Table
 
     from jbclog.app.batch.job_dir import JobDir, JobProgress
     from jbclog.app.batch.resume import PreparedBatch
@@ -26,7 +27,16 @@ if TYPE_CHECKING:
     from jbclog.config.jobs_file import JobTable
 
 NOT_STARTED: Final = "not started"
-END_COLUMNS: Final = ("job", "stations", "result", "exit", "verdict", "started", "duration", "run")
+END_COLUMNS: Final = (
+    Column("job"),
+    Column("stations", dropped=3),
+    Column("result"),
+    Column("exit", dropped=4),
+    Column("verdict"),
+    Column("started", dropped=1),
+    Column("duration", dropped=2),
+    Column("run", dropped=5),
+)
 LOCAL: Final = "%Y-%m-%d %H:%M"
 
 
@@ -70,9 +80,15 @@ def intentions(shift: PreparedBatch) -> Iterator[str]:
 # -- result -----------------------------------------------------------------------------------------------------------------
 
 
-def table(shift: PreparedBatch, out: Path) -> list[Sequence[str]]:
-    """Return the rows of `END_COLUMNS`: a row for each attempt at a job, in the order of the jobs file."""
-    return [row for job in _in_file_order(shift) for row in _rows(shift, job, out)]
+def print_table(shift: PreparedBatch, out: Path) -> None:
+    """Print a row for each attempt at a job, in the order of the jobs file. A terminal gets the columns that fit."""
+    columns: Sequence[Column] = END_COLUMNS
+    rows: Sequence[Sequence[str]] = [row for job in _in_file_order(shift) for row in _rows(shift, job, out)]
+    if sys.stdout.isatty():
+        columns, rows = fitting(columns, rows, shutil.get_terminal_size().columns, gap=2)
+    echo_table([column.name for column in columns], rows)
+    if columns[-1] is not END_COLUMNS[-1]:
+        note(f"the runs are in {out}; `jbclog runs {out} --tag batch={shift.plan.file.path.stem}` lists them")
 
 
 def _in_file_order(shift: PreparedBatch) -> list[JobState]:
@@ -147,11 +163,14 @@ def _attempt_facts(attempt: Attempt, out: Path) -> dict[str, object]:
 SHOW_EVERY_S: Final = 1.0
 COLUMNS: Final = (
     Column("job"),
-    Column("stations", dropped=2),
+    Column("stations", dropped=3),
+    Column("order", dropped=2),
+    Column("unit", dropped=4),
     Column("progress"),
     Column("now"),
     Column("tools", dropped=1),
     Column("alarms", is_number=True),
+    Column("coverage", is_number=True, dropped=5),
 )
 
 
@@ -163,11 +182,9 @@ class _Follower:
         self._filter = EventFilter()
         self._read = 0
 
-    def news(self) -> Iterator[tuple[str, Severity]]:
+    def news(self) -> Iterator[EventRow]:
         events, self._read = self.job_dir.events(self._read)
-        for event in events:
-            if self._filter.passes(event):
-                yield event_line(event), event.severity
+        return filter(self._filter.passes, events)
 
 
 class Lines:
@@ -216,8 +233,8 @@ class Lines:
             self.message(f"{job.name} records into {run}")
 
     def _print_news(self, job: JobState) -> None:
-        for text, severity in self._follow(job).news():
-            self._printer.print(f"{job.name}: {text}", severity)
+        for event in self._follow(job).news():
+            self._printer.print(event_line(event, job.name), event.severity)
 
     def _follow(self, job: JobState) -> _Follower:
         papers = self._batch.processes.job_dir(job.name, max(len(job.attempts), 1))
@@ -250,14 +267,16 @@ class Screen(Lines):
         if self._live is not None:
             self._live.update(self._table(state, following), refresh=True)
 
-    def _table(self, state: BatchState, following: Next) -> Table:
-        rows = [tuple(map(clean, self._cells(job, self._now(job)))) for job in state.running()]
+    def _table(self, state: BatchState, following: Next) -> Group:
+        rows = [self._cells(job, self._now(job)) for job in state.running()]
         return fitting_table(title(state, following), COLUMNS, rows, self._printer.console.width)
 
     def _cells(self, job: JobState, now: JobProgress) -> tuple[str, ...]:
         stations = ", ".join(self._batch.plan.stations[job.name])
         away = f"; disconnected: {', '.join(now.away)}" if now.away else ""
-        return job.name, stations, so_far(self._asked[job.name], now), now.doing + away, tools(now), str(now.alarms or "")
+        asked = self._asked[job.name]
+        progress = asked.order or "", now.unit or "", so_far(asked, now), now.doing + away, tools(now)
+        return job.name, stations, *progress, str(now.alarms or ""), coverage_text(now.due, now.obtained)
 
 
 def title(state: BatchState, following: Next) -> str:
@@ -277,7 +296,7 @@ def so_far(asked: JobTable, now: JobProgress) -> str:
     passed = span_of(now.passed_s, span_s(asked.duration) if asked.duration else None)
     if asked.units is not None:
         return f"{now.units} of {asked.units} units, {passed}"
-    return passed if asked.joints is None else f"{passed}, to {asked.joints} joints"
+    return passed if asked.joints is None else f"{passed}, {goal_text(Goal(JOINTS, asked.joints, now.joints))}"
 
 
 def tools(now: JobProgress) -> str:

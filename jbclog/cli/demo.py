@@ -68,7 +68,7 @@ def _record(out: Path, seconds: float, color: Color, *, quiet: bool) -> Result:
             note("four virtual stations: dde-1 and dde-2 (two tools each), ucr-1 (robot unit), ale-1 (solder feeder)")
         with SimProcess(line, Path(folder) / "ports", tcp=tcp) as stations:
             plan = make_plan(RunOptions(stations.line_path, recipe, duration_s=seconds, metadata=metadata))
-            shown = BackgroundObserver(observer(seconds, color, quiet=quiet))
+            shown = BackgroundObserver(observer(seconds, color, quiet=quiet, known=metadata))
             try:
                 return conduct(plan, out, shown, missed=shown.missed)
             finally:

@@ -5,22 +5,25 @@ from __future__ import annotations
 import select
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from math import floor
 from pathlib import Path
 from queue import Full, Queue
 from typing import TYPE_CHECKING, Final
 
+from jbclog.app.run.unit_feed import unit_after
 from jbclog.cli.options import Color
 from jbclog.cli.output import is_terminal
 from jbclog.cli.terminal import Column, Printer, fitting_table, moment, span_of, started_live
-from jbclog.core.rows import EventRow, Severity
-from jbclog.core.text import clean
+from jbclog.core.rows import JOINTS, EventRow, Goal, Severity
 from jbclog.session.run.context import PortState, SessionContext
 
 if TYPE_CHECKING:
+    from rich.console import Group
     from rich.live import Live
-    from rich.table import Table
+
+    from jbclog.app.run.plan import Metadata
 
 SHOWN = (Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
 RUNNING = "running"  # the outcome of a station that has none yet
@@ -35,15 +38,17 @@ COLUMNS: Final = (
     Column("set", is_number=True, dropped=2),
     Column("status"),
     Column("alarms", is_number=True),
+    Column("coverage", is_number=True, dropped=3),
     Column("lost", is_number=True, dropped=1),
 )
 UNSAFE, SAFE = "safety.not_safe", "safety.safe_state"
 
 
-def event_line(event: EventRow) -> str:
-    """Return an event as one line: time of day, severity, station, text."""
+def event_line(event: EventRow, job: str | None = None) -> str:
+    """Return an event as one line: time of day, severity, job of a batch, station, text."""
     text = event.text.removeprefix(f"{event.station}: ")
-    return f"{moment(event.time / 1e6)}  {event.severity.value:8}  {event.station or 'run'}: {text}"
+    of = "" if job is None else f"{job}: "
+    return f"{moment(event.time / 1e6)}  {event.severity.value:8}  {of}{event.station or 'run'}: {text}"
 
 
 class EventFilter:
@@ -76,7 +81,7 @@ class Lines:
         if self._filter.passes(event):
             self._printer.print(event_line(event), event.severity)
 
-    def second(self, contexts: list[SessionContext]) -> None:
+    def second(self, contexts: list[SessionContext], goals: Sequence[Goal]) -> None:
         return
 
     def sealing(self) -> None:
@@ -90,9 +95,11 @@ class Lines:
 class Screen(Lines):
     """Live table for a terminal, with the events above it."""
 
-    def __init__(self, printer: Printer, duration_s: float | None) -> None:
+    def __init__(self, printer: Printer, duration_s: float | None, known: Metadata | None) -> None:
         super().__init__(printer)
         self._duration_s = duration_s
+        self._order = known.order if known else None
+        self._unit = known.units[0] if known and len(known.units) == 1 else None
         self._began = time.monotonic()
         self._live: Live | None = None
 
@@ -100,35 +107,57 @@ class Screen(Lines):
         self._printer.print(f"recording into {folder}; Ctrl-C ends the run and makes the tools safe")
         self._live = started_live(self._printer.console)
 
-    def second(self, contexts: list[SessionContext]) -> None:
+    def happened(self, event: EventRow) -> None:
+        super().happened(event)
+        self._unit = unit_after(event, self._unit)
+
+    def second(self, contexts: list[SessionContext], goals: Sequence[Goal]) -> None:
         if self._live is not None:
-            self._live.update(self._table(contexts), refresh=True)
+            self._live.update(self._table(contexts, goals), refresh=True)
 
     def close(self) -> None:
         if self._live is not None:
             self._live.stop()
             self._live = None
 
-    def _table(self, contexts: list[SessionContext]) -> Table:
-        rows = [tuple(map(clean, cells)) for context in contexts for cells in _cells(context)]
-        return fitting_table(span_of(time.monotonic() - self._began, self._duration_s), COLUMNS, rows, self._printer.console.width)
+    def _table(self, contexts: list[SessionContext], goals: Sequence[Goal]) -> Group:
+        rows = [cells for context in contexts for cells in _cells(context)]
+        title = [span_of(time.monotonic() - self._began, self._duration_s), *map(goal_text, goals)]
+        title += [f"{name} {text}" for name, text in (("order", self._order), ("unit", self._unit)) if text]
+        return fitting_table(" · ".join(title), COLUMNS, rows, self._printer.console.width)
+
+
+def goal_text(goal: Goal) -> str:
+    """``3 of 40 units``; ``17 of 200 joints so far``, which is provisional; ``to 200 joints`` before the first count."""
+    if goal.reached is None:
+        return f"to {goal.wanted} {goal.what}"
+    return f"{goal.reached} of {goal.wanted} {goal.what}{' so far' if goal.what == JOINTS else ''}"
+
+
+def coverage_text(due: int, obtained: int) -> str:
+    """Return the share of the readings due that were obtained: ``99.8 %``. Never rounded up to all of them."""
+    if not due:
+        return "unknown"
+    return f"{floor(1000 * obtained / due) / 10:.1f} %"
 
 
 def _cells(context: SessionContext) -> Iterator[tuple[str, ...]]:
     """Return a row for each port of a recorded station; one row for a station that is not recorded.
 
-    Alarms and lost ticks are counted per station, and stand in its first row.
+    Alarms are counted per station, and stand in its first row. Lost are readings that were due and not obtained.
     """
-    alarms, lost = str(context.facts.alarms or ""), str(context.facts.skipped or "")
+    alarms = str(context.facts.alarms or "")
     if context.facts.outcome != RUNNING or not context.ports:
         ports = ", ".join(map(str, context.ports))
-        yield context.name, ports, "", "", "starting" if context.facts.outcome == RUNNING else context.facts.outcome, alarms, lost
+        yield context.name, ports, "", "", "starting" if context.facts.outcome == RUNNING else context.facts.outcome, alarms, "", ""
         return
     for port in context.ports.values():
         setting = context.set_c(port)
         wanted = "" if setting is None else f"{setting:g} °C"
-        yield context.name, str(port.number), _tip(context, port), wanted, _status(context, port), alarms, lost
-        alarms = lost = ""
+        due, obtained = context.count_readings(port.number)
+        counts = coverage_text(due, obtained), str(due - obtained or "")
+        yield context.name, str(port.number), _tip(context, port), wanted, _status(context, port), alarms, *counts
+        alarms = ""
 
 
 def _tip(context: SessionContext, port: PortState) -> str:
@@ -148,10 +177,10 @@ def _status(context: SessionContext, port: PortState) -> str:
     return context.family.status.state(port.status)
 
 
-def observer(duration_s: float | None, color: Color = Color.AUTO, *, quiet: bool) -> Lines:
-    """Return the live table on a terminal, lines elsewhere and with --json."""
+def observer(duration_s: float | None, color: Color = Color.AUTO, *, quiet: bool, known: Metadata | None = None) -> Lines:
+    """Return the live table on a terminal, lines elsewhere and with --json. `known`: what was said about the run."""
     printer = Printer(color)
-    return Screen(printer, duration_s) if is_terminal() and not quiet else Lines(printer)
+    return Screen(printer, duration_s, known) if is_terminal() and not quiet else Lines(printer)
 
 
 # -- background observer ------------------------------------------------------------------------------------------------------
@@ -183,9 +212,9 @@ class BackgroundObserver:
     def happened(self, event: EventRow) -> None:
         self._enqueue(lambda: self._observer.happened(event))
 
-    def second(self, contexts: list[SessionContext]) -> None:
+    def second(self, contexts: list[SessionContext], goals: Sequence[Goal]) -> None:
         if self._waiting.empty():  # skip a table that would not be seen
-            self._enqueue(lambda: self._observer.second(contexts))
+            self._enqueue(lambda: self._observer.second(contexts, goals))
 
     def sealing(self) -> None:
         self._enqueue(self._observer.sealing)

@@ -16,7 +16,7 @@ from jbclog.core.errors import UsageError
 
 if TYPE_CHECKING:
     from jbclog.app.replay import Again, Held, Recording
-    from jbclog.core.rows import EventRow
+    from jbclog.core.rows import EventRow, Goal
     from jbclog.session.run.context import SessionContext
     from jbclog.sim.replayed_station import ReplayedStation
     from jbclog.transport.session_history import Divergence
@@ -134,7 +134,7 @@ class _Silent:
 
     def happened(self, event: EventRow) -> None: ...
 
-    def second(self, contexts: list[SessionContext]) -> None: ...
+    def second(self, contexts: list[SessionContext], goals: Sequence[Goal]) -> None: ...
 
     def sealing(self) -> None: ...
 

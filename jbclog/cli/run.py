@@ -85,7 +85,7 @@ def record(wanted: RunOptions, out: Path, units: LineSource | None, color: Color
     from jbclog.app.run.runner import Job, carry_out
     from jbclog.cli.progress import BackgroundObserver, observer
 
-    shown = BackgroundObserver(observer(wanted.duration_s, color, quiet=as_json))
+    shown = BackgroundObserver(observer(wanted.duration_s, color, quiet=as_json, known=wanted.metadata))
     try:
         with without_echo(units):
             result = carry_out(Job(wanted, out), shown, units=units, missed=shown.missed, planned=_print_notes)

@@ -70,7 +70,11 @@ END_S: Final = 2.0
 
 
 class NonblockingOutput(io.RawIOBase):
-    """Write to `descriptor` in a thread. `write` never blocks; `settle` does, for `END_S` in all."""
+    """Write to `descriptor` in a thread. `write` never blocks; `settle` does, for `END_S` in all.
+
+    Streams that lead to the same terminal or file share one object, so that their texts keep their order: a live table on stderr
+    would else be erased after data was written to stdout, and take the data with it.
+    """
 
     def __init__(self, descriptor: int) -> None:
         super().__init__()
@@ -136,13 +140,15 @@ def _write(descriptor: int, data: bytes) -> bool:
 
 def never_wait() -> None:
     """Make stdout and stderr non-blocking from now on. Leaves streams without a descriptor as they are."""
+    made: list[NonblockingOutput] = []
     for name, descriptor in (("stdout", 1), ("stderr", 2)):
         stream = getattr(sys, name)
         if _is_at(stream, descriptor):
             stream.flush()
-            nonblocking = NonblockingOutput(descriptor)
-            setattr(sys, name, _around(nonblocking, stream))
-            atexit.register(nonblocking.settle)
+            if not (made and os.path.sameopenfile(1, 2)):
+                made.append(NonblockingOutput(descriptor))
+                atexit.register(made[-1].settle)
+            setattr(sys, name, _around(made[-1], stream))
 
 
 def _is_at(stream: IO[str], descriptor: int) -> bool:

@@ -13,9 +13,8 @@ from jbclog.core.rows import Severity
 from jbclog.core.text import clean
 
 if TYPE_CHECKING:
-    from rich.console import Console
+    from rich.console import Console, Group
     from rich.live import Live
-    from rich.table import Table
 
 
 STYLES: Final = {Severity.WARNING: "yellow", Severity.ERROR: "red", Severity.CRITICAL: "bold red"}
@@ -61,25 +60,34 @@ class Column(NamedTuple):
     dropped: int | None = None
 
 
-def fitting_table(title: str, columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int) -> Table:
-    """Return the table with as many of its columns as fit into `width` cells."""
+def fitting_table(title: str, columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int) -> Group:
+    """Return the title, and the table with as many of its columns as fit into `width` cells."""
+    from rich.console import Group
     from rich.table import Table
+    from rich.text import Text
 
-    shown = _fitting(columns, rows, width)
-    table = Table(title=clean(title), title_justify="left", pad_edge=False)
+    shown, rows = fitting(columns, rows, width)
+    table = Table(pad_edge=False)
     for column in shown:
         table.add_column(column.name, justify="right" if column.is_number else "left")
-    places = [columns.index(column) for column in shown]
     for row in rows:
-        table.add_row(*(row[place] for place in places))
-    return table
+        table.add_row(*(Text(clean(cell)) for cell in row))
+    return Group(Text(clean(title)), table)
 
 
-def _fitting(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int) -> list[Column]:
-    """Return the columns that are shown; each takes its longest cell, two blanks and a line."""
+def fitting(
+    columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int, *, gap: int = 3
+) -> tuple[Sequence[Column], Sequence[Sequence[str]]]:
+    """Return the columns that fit into `width` cells, and the rows without the others. `gap`: blanks and lines of a column."""
+    shown = _fitting(columns, rows, width, gap)
+    places = [columns.index(column) for column in shown]
+    return shown, [[row[place] for place in places] for row in rows]
+
+
+def _fitting(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int, gap: int) -> list[Column]:
     from rich.cells import cell_len
 
-    needs = {one: 3 + max(map(cell_len, (one.name, *(row[at] for row in rows)))) for at, one in enumerate(columns)}
+    needs = {one: gap + max(map(cell_len, (one.name, *(row[at] for row in rows)))) for at, one in enumerate(columns)}
     first_out = sorted((one for one in columns if one.dropped is not None), key=lambda one: one.dropped or 0)
     left = list(columns)
     while first_out and sum(needs[one] for one in left) > width:

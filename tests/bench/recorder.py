@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -13,7 +14,7 @@ from common import cpu_s, percentile
 from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import conduct
-from jbclog.core.rows import EventRow
+from jbclog.core.rows import EventRow, Goal
 from jbclog.record.capture import read_rows, wire_paths
 from jbclog.record.live import SEAL_S
 from jbclog.session.run.context import SessionContext
@@ -57,7 +58,7 @@ class Watcher:
 
     def happened(self, event: EventRow) -> None: ...
 
-    def second(self, contexts: list[SessionContext]) -> None:
+    def second(self, contexts: list[SessionContext], goals: Sequence[Goal]) -> None:
         if all(context.facts.first_tick is not None and context.facts.outcome == "running" for context in contexts):
             self.last = Mark(time.monotonic(), cpu_s(), sum(context.station.exchanges for context in contexts))
             self.first = self.first or self.last

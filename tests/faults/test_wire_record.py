@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from jbclog.app.run.plan import RunOptions, make_plan
 from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import conduct
 from jbclog.core.outcome import Exit
-from jbclog.core.rows import EventRow
+from jbclog.core.rows import EventRow, Goal
 from jbclog.record import capture_recorder
 from jbclog.record.check import check
 from jbclog.session.run.context import SessionContext
@@ -25,7 +26,7 @@ class Onlooker:
 
     def happened(self, event: EventRow) -> None: ...
 
-    def second(self, contexts: list[SessionContext]) -> None: ...
+    def second(self, contexts: list[SessionContext], goals: Sequence[Goal]) -> None: ...
 
     def sealing(self) -> None: ...
 

@@ -117,7 +117,7 @@ def test_what_the_station_made_late_is_not_the_hosts() -> None:
     assert run.memory.of_kind("host.busy") == []
     events = run.memory.of_kind("station.slow")
     assert sum(event.value or 0 for event in events) == skipped(run) / 2  # two ports
-    assert events[0].text.startswith("dde-1 was slow to answer, or did not: ")
+    assert events[0].text.startswith("The station was slow to answer, or did not: ")
 
 
 def test_a_question_that_is_never_answered_costs_ticks_and_an_event_says_so() -> None:

@@ -10,7 +10,7 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from queue import Full, Queue
@@ -22,9 +22,10 @@ from jbclog.app.batch.job_dir import JobDir, JobProgress, JobResult, PortProgres
 from jbclog.app.batch.job_spec import JobSpec
 from jbclog.app.run.run_record import Result
 from jbclog.app.run.runner import carry_out
+from jbclog.app.run.unit_feed import unit_after
 from jbclog.core.errors import JbclogError
 from jbclog.core.outcome import Exit, in_order
-from jbclog.core.rows import EventRow
+from jbclog.core.rows import JOINTS, EventRow, Goal
 from jbclog.session.run.context import SessionContext
 from jbclog.transport.typed_lines import open_source
 
@@ -48,6 +49,7 @@ class JobObserver:
         self._job_dir = job_dir
         self._began = time.monotonic()
         self._units = 0
+        self._unit: str | None = None
         self._waiting: Queue[Callable[[], None] | None] = Queue(WAITING_MOST)
         self._dropped = 0
         self._thread = threading.Thread(target=self._write_all, name="observer", daemon=True)
@@ -59,11 +61,13 @@ class JobObserver:
 
     def happened(self, event: EventRow) -> None:
         self._units += event.kind == UNIT_ENDS
+        self._unit = unit_after(event, self._unit)
         self._put(lambda: self._job_dir.add_event(event))
 
-    def second(self, contexts: list[SessionContext]) -> None:
+    def second(self, contexts: list[SessionContext], goals: Sequence[Goal]) -> None:
         if self._waiting.empty():
-            self._put(lambda: self._job_dir.set_progress(self._progress(contexts)))
+            joints = next((goal.reached for goal in goals if goal.what == JOINTS), None)
+            self._put(lambda: self._job_dir.set_progress(self._progress(contexts, joints)))
 
     def sealing(self) -> None:
         passed = time.monotonic() - self._began
@@ -78,7 +82,8 @@ class JobObserver:
             self._waiting.put(None, timeout=CLOSE_S)
         self._thread.join(CLOSE_S)
 
-    def _progress(self, contexts: list[SessionContext]) -> JobProgress:
+    def _progress(self, contexts: list[SessionContext], joints: int | None) -> JobProgress:
+        counts = [context.count_readings(port) for context in contexts for port in [*context.ports]]
         return JobProgress(
             passed_s=time.monotonic() - self._began,
             doing="recording" if any(context.ports for context in contexts) else "starting",
@@ -88,6 +93,10 @@ class JobObserver:
                 context.name for context in contexts if context.ports and context.facts.outcome == RUNNING and not context.connected
             ],
             units=self._units,
+            unit=self._unit,
+            joints=joints,
+            due=sum(count.due for count in counts),
+            obtained=sum(count.obtained for count in counts),
         )
 
     def _put(self, write: Callable[[], None]) -> None:

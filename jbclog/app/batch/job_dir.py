@@ -42,7 +42,10 @@ class PortProgress:
 
 @dataclass(frozen=True, slots=True)
 class JobProgress:
-    """The progress of a job, written each second. `away`: disconnected stations. `units`: finished so far."""
+    """The progress of a job, written each second. `away`: disconnected stations. `units`: finished so far; `unit`: on the bench.
+
+    `due`, `obtained`: readings that count for the coverage. `joints`: found so far; None if not counted or not known.
+    """
 
     passed_s: float = 0.0
     doing: str = "starting"
@@ -50,6 +53,10 @@ class JobProgress:
     ports: list[PortProgress] = field(default_factory=list)
     away: list[str] = field(default_factory=list)
     units: int = 0
+    unit: str | None = None
+    joints: int | None = None
+    due: int = 0
+    obtained: int = 0
 
 
 _build_job_progress: Final = builder(JobProgress)

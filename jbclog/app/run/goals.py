@@ -136,6 +136,10 @@ class Goals:
         """Return the latest count for a goal, None if unknown."""
         return self._joints if goal.what == JOINTS else self._finished
 
+    def so_far(self) -> list[Goal]:
+        """Return the goals with their latest counts, for who shows the run."""
+        return [replace(goal, reached=self.count(goal)) for goal in self._goals]
+
     def reached(self) -> list[Goal]:
         """Return the goals with their results, once the record is sealed. Waits until the joints are counted."""
         return [self._joints_reached(goal) if goal.what == JOINTS else self._units_reached(goal) for goal in self._goals]

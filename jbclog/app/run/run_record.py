@@ -27,7 +27,7 @@ from jbclog.app.run.plan import Metadata as GivenMetadata
 from jbclog.core.clock import Clock, UtcOffset
 from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.core.outcome import Exit, RunFinding, exit_code, findings, status
-from jbclog.core.rows import COLUMN, CounterRow, EventRow, SampleRow, SettingRow, Severity, StationFacts, TipCheck
+from jbclog.core.rows import COLUMN, CounterRow, EventRow, Goal, SampleRow, SettingRow, Severity, StationFacts, TipCheck
 from jbclog.maintenance.verification import cited
 from jbclog.record.chains import previous_run
 from jbclog.record.conclude import conclude
@@ -52,7 +52,7 @@ class Observer(Protocol):
 
     def happened(self, event: EventRow) -> None: ...
 
-    def second(self, contexts: list[SessionContext]) -> None: ...
+    def second(self, contexts: list[SessionContext], goals: Sequence[Goal]) -> None: ...
 
     def sealing(self) -> None: ...
 

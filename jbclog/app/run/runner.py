@@ -265,7 +265,7 @@ class _Run:
         self._note_sharers()
         self._run_record.look()
         self._goals.look()
-        self._run_record.show(lambda: self._run_record.observer.second(self._contexts))
+        self._run_record.show(lambda: self._run_record.observer.second(self._contexts, self._goals.so_far()))
 
     def _note_sharers(self) -> None:
         for url, who in self._sharers.news():

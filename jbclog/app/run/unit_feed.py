@@ -37,6 +37,11 @@ LEAST_WORK_US: Final = 1_000_000
 Keep = Callable[[EventRow], None]
 
 
+def unit_after(event: EventRow, unit: str | None) -> str | None:
+    """Return the unit on the bench after `event`; `unit` was there before."""
+    return event.raw if event.kind == "unit.begin" else None if event.kind == "unit.end" else unit
+
+
 @dataclass(frozen=True, slots=True)
 class _Interrupted:
     """A unit that was interrupted by something other than a unit. `is_made`: the next unit shows that it was finished."""

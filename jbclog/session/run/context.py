@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 from jbclog.config.recipe import Recipe
 from jbclog.config.schema import AUTO
@@ -99,6 +100,13 @@ class PortState:
         return float(value) if isinstance(value, int | float) else None
 
 
+class ReadingCount(NamedTuple):
+    """Readings that count for the coverage of a port: how many were due, and how many of them were obtained."""
+
+    due: int
+    obtained: int
+
+
 class SessionContext:
     """The state that all steps of one session share: task, client, ports and journal."""
 
@@ -127,6 +135,7 @@ class SessionContext:
         self.is_flooded = False  # its link is, and that was reported
         self.flood_pause_s = 0.0  # before a flooded link is reopened
         self.flood_ended: float | None = None  # when the station was back after the last flood
+        self.count_readings: Callable[[int], ReadingCount] = lambda port: ReadingCount(0, 0)  # of a port so far, for who shows it
         self.stranger: str | None = None  # description of another station found in this one's place
         self._family = order.family
         self.facts = StationFacts(

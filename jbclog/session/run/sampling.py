@@ -20,7 +20,7 @@ from jbclog.core.rows import SettingOutcome, SettingRow, Severity
 from jbclog.protocol.commands.command import Scope
 from jbclog.session.run.alarms import AlarmWatch
 from jbclog.session.run.apply import read_tool, readable_settings
-from jbclog.session.run.context import PortState, SessionContext
+from jbclog.session.run.context import PortState, ReadingCount, SessionContext
 from jbclog.session.run.safe import put_in_safe_state
 from jbclog.session.run.scan import SKIPPED, PortScan, Scanner, SignalRead
 from jbclog.session.run.watch import report_completions
@@ -107,8 +107,8 @@ class SkippedTicks:
     def text(self, period_s: float) -> str:
         return f"The computer was busy: {self._what(period_s)}; less work beside the run helps."
 
-    def text_of_station(self, period_s: float, name: str) -> str:
-        return f"{name} was slow to answer, or did not: {self._what(period_s)}; a lower rate leaves more time."
+    def text_of_station(self, period_s: float) -> str:
+        return f"The station was slow to answer, or did not: {self._what(period_s)}; a lower rate leaves more time."
 
     def _what(self, period_s: float) -> str:
         ticks = f"{self.ticks} tick{'' if self.ticks == 1 else 's'} of {period_s:g} s"
@@ -220,9 +220,18 @@ class Sampler:
         self._finish_by = math.inf
         self._scanner = Scanner(context)
         self._probes = {(one.name, one.port): SignalRead.of(context, one) for one in readings}
+        context.count_readings = self._count_readings
         self._scans = {
             port.number: PortScan(port, self._fast_of(port.number), AlarmWatch(context, port)) for port in context.ports.values()
         }
+
+    def _count_readings(self, port: int) -> ReadingCount:
+        """Count the temperature's readings, or those of all signals without one, as the accounting will. For other threads, too."""
+        main = self._probes.get(("temperature_c", port))
+        probes = [main] if main else [one for (_, number), one in self._probes.items() if number == port and one.reading.columns]
+        due = sum(one.due for one in probes)
+        obtained = due - sum(sum([*one.missed.values()]) for one in probes)
+        return ReadingCount(due + self.context.facts.skipped * sum(one.reading.period_s is None for one in probes), obtained)
 
     def _slow_readings(self, readings: list[ScheduledRead]) -> SlowReadings:
         if not self.paced:
@@ -327,7 +336,7 @@ class Sampler:
             self._report_late(KIND, busy, busy.text(period_s))
         if self._slow.is_due(self.context.now) or (is_over and self._slow.ticks):
             slow, self._slow = self._slow, SkippedTicks()
-            self._report_late(SLOW_KIND, slow, slow.text_of_station(period_s, self.context.name))
+            self._report_late(SLOW_KIND, slow, slow.text_of_station(period_s))
 
     def _report_late(self, kind: str, late: SkippedTicks, text: str) -> None:
         self.context.note(kind, Severity.WARNING, text, since=late.since, value=late.ticks, raw=f"late_s={late.late_s:.3f}")

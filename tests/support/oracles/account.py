@@ -76,7 +76,11 @@ def assert_account_holds(run: VirtualRun) -> None:
                 assert watched.pop("due") == due == sum(watched.values()), signal
             else:
                 assert sum(rows.get((port, signal), Counter()).values()) == due, f"{signal} of port {port}"
+    context = next(iter(run.contexts.values()))
     for port in facts.ports:
+        count = rows.get((str(port), "temperature_c"), Counter())
+        if count:
+            assert context.count_readings(port) == (sum(count.values()) + facts.skipped, count["ok"]), "coverage as shown"
         ticks = run.memory.column("tick", port)
         assert ticks == sorted(set(ticks)), "a tick twice, or out of order"
         if facts.first_tick is not None and facts.last_tick is not None:

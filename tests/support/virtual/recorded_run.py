@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from jbclog.app.run.plan import Plan
 from jbclog.app.run.run_record import Result, RunRecord
 from jbclog.core.clock import VirtualClock
 from jbclog.core.locks import FolderLock
-from jbclog.core.rows import EventRow
+from jbclog.core.rows import EventRow, Goal
 from jbclog.record.seal import seal_rows
 from jbclog.session.run.context import SessionContext
 from jbclog.session.run.station_run import run_station
@@ -28,7 +29,7 @@ class Nobody:
 
     def happened(self, event: EventRow) -> None: ...
 
-    def second(self, contexts: list[SessionContext]) -> None: ...
+    def second(self, contexts: list[SessionContext], goals: Sequence[Goal]) -> None: ...
 
     def sealing(self) -> None: ...
 

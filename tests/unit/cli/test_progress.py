@@ -5,20 +5,22 @@ from __future__ import annotations
 import io
 import re
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
+from jbclog.app.run.plan import Metadata
 from jbclog.cli import progress, terminal
 from jbclog.cli.options import Color
 from jbclog.config.load_recipe import parse_recipe
 from jbclog.core.clock import SystemClock, UtcOffset
-from jbclog.core.rows import EventRow, NoJournal, Severity
+from jbclog.core.rows import JOINTS, UNITS, EventRow, Goal, NoJournal, Severity
 from jbclog.core.serial_line import LineFormat
 from jbclog.protocol.commands.family import FAMILIES
-from jbclog.session.run.context import PortState, SessionContext, StationTask
+from jbclog.session.run.context import PortState, ReadingCount, SessionContext, StationTask
 
 RECIPE = parse_recipe('[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n')
 
@@ -31,6 +33,7 @@ def context(name: str = "dde-1", outcome: str = "running") -> SessionContext:
     found.ports[1].temperatures_c, found.ports[1].status = {"temperature_c": 349}, (0, 0, 0, 0, 0)
     found.ports[1].held["selected_temperature"] = 350
     found.connected, found.facts.outcome, found.facts.alarms = True, outcome, 2
+    found.count_readings = lambda port: ReadingCount(2000, 1999) if port == 1 else ReadingCount(0, 0)
     return found
 
 
@@ -39,15 +42,15 @@ def screen(monkeypatch: pytest.MonkeyPatch) -> progress.Screen:
     """The live table of a run of a minute."""
     for module in (progress, terminal):
         monkeypatch.setattr(module, "is_terminal", lambda: True)
-    shown = progress.observer(60.0, quiet=False)
+    shown = progress.observer(60.0, quiet=False, known=Metadata("A. Rossi", "88123", units=("SN-1",)))
     assert isinstance(shown, progress.Screen)
     return shown
 
 
-def drawn(screen: progress.Screen, *contexts: SessionContext, width: int = 100) -> list[str]:
+def drawn(screen: progress.Screen, *contexts: SessionContext, width: int = 100, goals: Sequence[Goal] = ()) -> list[str]:
     """The table's lines, as a terminal of this width shows them."""
     screen._printer.console = console = Console(file=io.StringIO(), width=width)
-    console.print(screen._table(list(contexts)))
+    console.print(screen._table(list(contexts), goals))
     return console.file.getvalue().splitlines()  # type: ignore[attr-defined]
 
 
@@ -58,20 +61,36 @@ def rows(screen: progress.Screen, *contexts: SessionContext) -> list[list[str]]:
 
 
 def test_what_is_known_and_what_is_not(screen: progress.Screen) -> None:
-    found = context()
-    found.facts.skipped = 3
-    assert rows(screen, found) == [
-        ["dde-1", "1", "349 °C", "350 °C", "working", "2", "3"],
-        ["dde-1", "2", "unknown", "", "unknown", "", ""],  # alarms and lost ticks are the station's, shown once
+    assert rows(screen, context()) == [
+        ["dde-1", "1", "349 °C", "350 °C", "working", "2", "99.9 %", "1"],  # never rounded up to all of them
+        ["dde-1", "2", "unknown", "", "unknown", "", "unknown", ""],  # alarms are the station's, shown once
     ]
 
 
-@pytest.mark.parametrize(("width", "gone"), [(100, set()), (66, {"lost"}), (60, {"lost", "set"})])
+def test_the_title_has_time_goals_order_and_the_unit_on_the_bench(screen: progress.Screen) -> None:
+    def title(*goals: Goal) -> str:
+        passed, _, rest = drawn(screen, context(), goals=goals)[0].strip().partition(" · ")
+        assert re.fullmatch(r"\d s of 1:00, .* left", passed)
+        return rest
+
+    assert title() == "order 88123 · unit SN-1"
+    for kind, unit in (("unit.begin", "SN-2"), ("unit.end", "SN-2")):
+        screen.happened(EventRow(0, kind, Severity.INFO, "", raw=unit))
+        assert title() == "order 88123" + (" · unit SN-2" if kind == "unit.begin" else "")
+    ends = Goal(UNITS, 40, 3), Goal(JOINTS, 200, 17)
+    assert title(*ends) == "3 of 40 units · 17 of 200 joints so far · order 88123"
+    assert title(Goal(JOINTS, 200)) == "to 200 joints · order 88123"  # not counted yet, which is not 0
+
+
+@pytest.mark.parametrize(
+    ("width", "gone"), [(200, set()), (82, set()), (80, {"lost"}), (70, {"lost", "set"}), (60, {"lost", "set", "coverage"})]
+)
 def test_a_narrow_terminal_shows_fewer_columns_and_cuts_none(screen: progress.Screen, width: int, gone: set[str]) -> None:
     lines = drawn(screen, context("dde-workplace-12"), width=width)
     (heads,) = (line for line in lines if "station" in line)
-    assert {"station", "port", "now", "set", "status", "alarms", "lost"} - set(heads.replace("┃", " ").split()) == gone
+    assert {column.name for column in progress.COLUMNS} - set(heads.replace("┃", " ").split()) == gone
     assert "…" not in "".join(lines)
+    assert lines[0].endswith("order 88123 · unit SN-1")  # above the table, however narrow that is
     assert any("dde-workplace-12" in line for line in lines)
     assert max(map(cell_len, lines)) <= width
 
@@ -94,12 +113,12 @@ def test_an_omega_shows_its_states_in_its_own_words(screen: progress.Screen) -> 
     omega, family = context(), FAMILIES["omega"]
     omega.family, omega.facts.alarms = family, 0
     omega.ports = {1: PortState(1, states={"solder_shortage": ("normal", 1.0), "preparing": ("ready", 1.0)})}
-    assert rows(screen, omega) == [["dde-1", "1", "", "", "normal, ready", "", ""]]
+    assert rows(screen, omega) == [["dde-1", "1", "", "", "normal, ready", "", "99.9 %", "1"]]
 
 
 @pytest.mark.parametrize("outcome", ["refused", "gone", "stopped", "failed", "completed"])
 def test_a_station_that_has_ended_shows_how(screen: progress.Screen, outcome: str) -> None:
-    assert rows(screen, context(outcome=outcome)) == [["dde-1", "1, 2", "", "", outcome, "2", ""]]
+    assert rows(screen, context(outcome=outcome)) == [["dde-1", "1, 2", "", "", outcome, "2", "", ""]]
 
 
 def test_a_station_that_is_away(screen: progress.Screen) -> None:

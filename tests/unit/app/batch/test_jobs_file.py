@@ -203,6 +203,11 @@ def test_how_far_a_job_has_come_is_shown_with_its_ends(end: str, shown: str) -> 
     assert so_far(asked, JobProgress(40.0, units=3)) == shown
 
 
+def test_joints_so_far_are_shown_once_they_are_counted() -> None:
+    (asked,) = parse_jobs(HEAD + job(end="joints = 200"), Path("night.toml")).jobs
+    assert so_far(asked, JobProgress(40.0, joints=17)) == "40 s, 17 of 200 joints so far"
+
+
 def test_a_reader_that_is_not_plugged_in_is_noted_before_the_first_job_begins() -> None:
     text = HEAD + JOB.replace('duration = "15m"', 'units = 40\nunits_from = "{}"')
     assert "a: its reader /nowhere/reader is not connected yet" in ordered(text.format("reader")).notes
