@@ -60,7 +60,7 @@ def test_all_is_told_in_order_whatever_fails(pipe: tuple[int, int]) -> None:
     shown = BackgroundObserver(noted)
     shown.begun(Path("x"))
     shown.happened(EVENT)
-    shown.second([])
+    shown.second([], [])
     shown.sealing()
     shown.close()
     assert noted.told == ["begun x", "station.error", "sealing", "close"]
