@@ -51,10 +51,11 @@ def _show(path: Path) -> None:
         from jbclog.app.watch.terminal import WatchApp
     except ModuleNotFoundError as error:
         raise UsageError(NOT_INSTALLED.format(error, "watch")) from None
+    from jbclog.app.watch.batch_queue import QueueFollower
     from jbclog.live import follow
 
     with follow(path, joints=True) as follower:
-        WatchApp(follower.poll).run()
+        WatchApp(follower.poll, queues=QueueFollower(path).poll).run()
 
 
 def _serve(path: Path, address: str, port: int, token: str | None) -> None:
@@ -62,6 +63,7 @@ def _serve(path: Path, address: str, port: int, token: str | None) -> None:
         from jbclog.app.watch.server import Access, PageServer, is_loopback, listening
     except ModuleNotFoundError as error:
         raise UsageError(NOT_INSTALLED.format(error, "web")) from None
+    from jbclog.app.watch.batch_queue import QueueFollower
     from jbclog.live import follow
 
     if token is not None and (len(token) < SHORTEST or not token.isascii()):
@@ -73,4 +75,4 @@ def _serve(path: Path, address: str, port: int, token: str | None) -> None:
     query = "" if token is None else f"?token={token}"
     note(f"watching {path} on http://{host}:{opened.getsockname()[1]}/{query}; Ctrl-C ends it")
     with opened, follow(path, joints=True) as follower:
-        PageServer(follower.poll, Access(address, token), path).run([opened])
+        PageServer(follower.poll, Access(address, token), path, QueueFollower(path).poll).run([opened])

@@ -112,14 +112,14 @@ def entries_in(store: BatchStore) -> list[Entry]:
 
 def _chain(lines: list[bytes]) -> LineChain[Entry]:
     data = b"".join(line + b"\n" for line in lines)
-    return chain_in(data, FIRST, _parsed, what="line of a batch's journal", of_first="the file's name")
+    return chain_in(data, FIRST, parsed, what="line of a batch's journal", of_first="the file's name")
 
 
 def _old_lines(folder: Path) -> list[bytes]:
     """Return the lines of a journal of an earlier release, without a last one that a crash cut off."""
     data = read_foreign(folder / OLD_JOURNAL, Kind.JOURNAL)
     lines = lines_in(data)
-    is_torn = bool(lines) and not data.endswith(b"\n") and _parsed(lines[-1]) is None
+    is_torn = bool(lines) and not data.endswith(b"\n") and parsed(lines[-1]) is None
     return lines[:-1] if is_torn else lines
 
 
@@ -143,7 +143,7 @@ def _expect_all(folder: Path, entries: list[Entry]) -> None:
 def _end(db: Database) -> tuple[int, str]:
     """Return the number of the last entry and the hash of its line. A journal of an earlier release may have torn lines."""
     row = db.execute("SELECT line FROM journal ORDER BY number DESC LIMIT 1").fetchone()
-    last = None if row is None else _parsed(row[0])
+    last = None if row is None else parsed(row[0])
     return (0 if last is None else last.seq), (FIRST if row is None else sha256(row[0]))
 
 
@@ -152,7 +152,8 @@ def _line(entry: Entry) -> bytes:
     return line_of({name: value for name, value in asdict(entry).items() if value is not None})
 
 
-def _parsed(line: bytes) -> Entry | None:
+def parsed(line: bytes) -> Entry | None:
+    """Return the entry in a line; None if it has none, or is not written as this program writes it."""
     try:
         entry = _build_entry(fields_of(line))
         return entry if _line(entry) == line else None

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Sequence
 from typing import Final
 
 from jbclog.app.watch import words
+from jbclog.app.watch.batch_queue import BatchQueue
 from jbclog.core.text import clean, cleaned, json_line
 from jbclog.live import PortState, RunState, StationState, Trace
 
@@ -21,24 +23,26 @@ class Feed:
 
     def __init__(self) -> None:
         self._state: RunState | None = None
+        self._queues: Sequence[BatchQueue] = ()
         self._sent: dict[Key, float] = {}  # `last_s` of each trace
 
     def whole(self) -> str:
         """Return the last state with all traces."""
-        return "" if self._state is None else _message(self._state, {}, is_whole=True)
+        return "" if self._state is None else _message(self._state, self._queues, {}, is_whole=True)
 
-    def change(self, state: RunState | None) -> str:
+    def change(self, state: RunState | None, queues: Sequence[BatchQueue] = ()) -> str:
         """Return a new state with the new points of its traces; None: there is no run."""
+        self._queues = queues
         is_other = self._state is None or state is None or self._state.folder != state.folder
         sent = {} if is_other else self._sent
         self._state = state
         if state is None:
-            return json_line({"run": words.NO_RUN, "whole": True, "ports": [], "stations": [], "events": []})
+            return json_line({"run": words.NO_RUN, "whole": True, "ports": [], "stations": [], "events": [], **_queue(queues)})
         self._sent = {(port.station, port.port): port.trace.last_s for port in state.ports}
-        return _message(state, sent, is_whole=is_other)
+        return _message(state, queues, sent, is_whole=is_other)
 
 
-def _message(state: RunState, sent: dict[Key, float], *, is_whole: bool) -> str:
+def _message(state: RunState, queues: Sequence[BatchQueue], sent: dict[Key, float], *, is_whole: bool) -> str:
     data: Json = {
         "run": words.run_line(state),
         "folder": state.folder.name,
@@ -53,6 +57,7 @@ def _message(state: RunState, sent: dict[Key, float], *, is_whole: bool) -> str:
             {"seq": one.seq, "severity": str(one.event.severity), "text": words.event_line(one)}
             for one in state.events[-SHOWN_EVENTS:]
         ],
+        **_queue(queues),
     }
     return json_line(cleaned(data))
 
@@ -91,6 +96,10 @@ def _points(trace: Trace, sent_s: float | None) -> Json:
 
 def _first_after(trace: Trace, sent_s: float) -> int:
     return bisect_right(trace.seconds, sent_s + SAME_S)
+
+
+def _queue(queues: Sequence[BatchQueue]) -> Json:
+    return {"queue": [{"text": one.text, "jobs": [[job.name, job.state, job.text] for job in one.jobs]} for one in queues]}
 
 
 def _station(station: StationState) -> Json:

@@ -13,7 +13,7 @@ import asyncio
 import hmac
 import ipaddress
 import socket
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,6 +26,7 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response, S
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from jbclog.app.watch.batch_queue import BatchQueue
 from jbclog.app.watch.feed import Feed
 from jbclog.app.watch.past_runs import past_runs, report_of
 from jbclog.core.errors import JbclogError, UsageError, unexpected_error_text
@@ -67,6 +68,7 @@ FILES: Final = {
 CSP: Final = b"content-security-policy"
 
 Source = Callable[[], RunState | None]
+Queues = Callable[[], Sequence[BatchQueue]]
 Queue = asyncio.Queue[str | None]
 
 
@@ -159,6 +161,7 @@ class Broadcast:
     """Reads `source` twice a second and hands each message to all browsers."""
 
     source: Source
+    queues: Queues = tuple
     feed: Feed = field(default_factory=Feed)
     browsers: set[Queue] = field(default_factory=set)
 
@@ -169,7 +172,7 @@ class Broadcast:
 
     def _read(self) -> str:
         try:
-            return self.feed.change(self.source())
+            return self.feed.change(self.source(), self.queues())
         except JbclogError as error:
             return json_line({"trouble": clean(str(error))})
         except Exception as error:  # shown, and tried again
@@ -263,8 +266,8 @@ def listening(address: str, port: int) -> socket.socket:
 class PageServer(uvicorn.Server):
     """Serves the page of a run; `run` takes a list with a socket of `listening`, and ends at SIGINT or SIGTERM."""
 
-    def __init__(self, source: Source, access: Access, path: Path) -> None:
-        self._broadcast = Broadcast(source)
+    def __init__(self, source: Source, access: Access, path: Path, queues: Queues = tuple) -> None:
+        self._broadcast = Broadcast(source, queues)
         app = application(self._broadcast, access, path)
         config = uvicorn.Config(app, log_level="error", access_log=False, server_header=False, ws="none")
         config.timeout_graceful_shutdown = GRACE_S

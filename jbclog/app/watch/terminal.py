@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ClassVar, Final
 
 from textual.app import App, ComposeResult
@@ -13,6 +13,7 @@ from textual.screen import Screen
 from textual.widgets import Footer, Static
 
 from jbclog.app.watch import words
+from jbclog.app.watch.batch_queue import BatchQueue
 from jbclog.core.errors import JbclogError
 from jbclog.core.rows import Severity
 from jbclog.core.text import clean
@@ -24,6 +25,7 @@ SHOWN_EVENTS: Final = 200
 PLOT_LINES: Final = 8
 
 Source = Callable[[], RunState | None]
+Queues = Callable[[], Sequence[BatchQueue]]
 
 
 class Tile(Static, can_focus=True):
@@ -92,14 +94,16 @@ class StationScreen(Screen[None]):
 
 
 class WatchApp(App[None]):
-    """Shows what `source` returns, twice a second."""
+    """Shows what `source` and `queues` return, twice a second."""
 
     TITLE = "jbclog watch"
     ENABLE_COMMAND_PALETTE = False
     CSS = """
     #head { height: auto; max-height: 6; padding: 0 1; text-style: bold; }
     #tiles { height: auto; grid-gutter: 0 1; }
-    #events { height: 9; border-top: solid $foreground; border-title-align: left; padding: 0 1; }
+    #queue { height: auto; max-height: 9; text-wrap: nowrap; }
+    #events { height: 9; }
+    #queue, #events { border-top: solid $foreground; border-title-align: left; padding: 0 1; }
     Tile { height: auto; min-height: 7; border: round $foreground; padding: 0 1; }
     Tile:focus { border: heavy $foreground; }
     Tile.alarm, Tile.failed { border: double $error; color: $text-error; }
@@ -114,22 +118,24 @@ class WatchApp(App[None]):
         Binding("s", "severity", "severity"),
     ]
 
-    def __init__(self, source: Source, every_s: float | None = EVERY_S) -> None:
+    def __init__(self, source: Source, every_s: float | None = EVERY_S, queues: Queues = tuple) -> None:
         super().__init__()
         self.run_state: RunState | None = None
         self.severity = Severity.INFO
-        self._source, self._every_s = source, every_s
+        self._source, self._queues, self._every_s = source, queues, every_s
         self._trouble = ""
 
     def compose(self) -> ComposeResult:
         yield Static(words.NO_RUN, id="head")
         with VerticalScroll(can_focus=False):
             yield ItemGrid(id="tiles", min_column_width=TILE)
+        yield Static(id="queue")
         yield Static(id="events")
         yield Footer()
 
     def on_mount(self) -> None:
         self._show_events()
+        self.show_queues(())
         if self._every_s is not None:
             self._read_in_thread()
             self.set_interval(self._every_s, self._read_in_thread)
@@ -140,10 +146,11 @@ class WatchApp(App[None]):
 
     def _read(self) -> None:
         try:
-            state = self._source()
+            state, queues = self._source(), self._queues()
         except JbclogError as error:
             self.call_from_thread(self._show_trouble, str(error))
         else:
+            self.call_from_thread(self.show_queues, queues)
             if state is not None:
                 self.call_from_thread(self.show, state)
 
@@ -156,6 +163,13 @@ class WatchApp(App[None]):
         self._show_events()
         if isinstance(self.screen, StationScreen):
             self.screen.show()
+
+    def show_queues(self, queues: Sequence[BatchQueue]) -> None:
+        """Show the batches that run; nothing where none runs."""
+        box, lines = self.screen_stack[0].query_one("#queue", Static), words.queue_lines(queues)
+        box.display = bool(lines)
+        box.border_title = Content(lines[0] if lines else "")
+        box.update(Content("\n".join(lines[1:])))
 
     def _show_tiles(self, grid: ItemGrid, ports: tuple[PortState, ...]) -> None:
         tiles = list(grid.query_children(Tile))

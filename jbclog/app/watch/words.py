@@ -6,6 +6,7 @@ import time
 from collections.abc import Sequence
 from typing import Final
 
+from jbclog.app.watch.batch_queue import BatchQueue
 from jbclog.core.rows import Severity
 from jbclog.core.text import clean
 from jbclog.live import (
@@ -144,9 +145,17 @@ def _cell(value: object) -> str:
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    lines = [heads, *([clean(cell) for cell in row] for row in rows)] if rows else []
+    return _columns([heads, *([clean(cell) for cell in row] for row in rows)] if rows else [])
+
+
+def _columns(lines: Sequence[Sequence[str]]) -> list[str]:
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines]
+
+
+def queue_lines(queues: Sequence[BatchQueue]) -> list[str]:
+    """Each batch that runs: how far it has come, and its jobs as a table without heads."""
+    return [line for queue in queues for line in (queue.text, *_columns([(one.name, one.state, one.text) for one in queue.jobs]))]
 
 
 def zone_text() -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from jbclog.app.watch.batch_queue import BatchQueue, QueuedJob
 from jbclog.core.rows import EventRow, Severity
 from jbclog.live import (
     Condition,
@@ -23,6 +24,16 @@ from jbclog.live import (
 
 T0_US = 1_790_000_000_000_000
 HOSTILE = "[bold]<img src=x onerror=alert(1)>\x1b[31m"
+
+
+QUEUE = BatchQueue(
+    "batch night: 1 of 3 jobs have ended",
+    (
+        QueuedJob("smd-1", "done", "ACCEPT"),
+        QueuedJob("smd-2", "running", "recording, 42 s of 90 s"),
+        QueuedJob("smd-3", "waiting", f"after {HOSTILE}"),
+    ),
+)
 
 
 def known(value: float | str) -> Reading:

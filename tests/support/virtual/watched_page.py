@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+from jbclog.app.watch.batch_queue import BatchQueue
 from jbclog.app.watch.server import Access, PageServer, listening
 from jbclog.live import RunState
 from support.records import live_states
@@ -27,6 +28,7 @@ class Served:
 
     answer: Answer
     port: int = 0
+    queues: tuple[BatchQueue, ...] = ()
 
     @property
     def address(self) -> str:
@@ -43,7 +45,7 @@ def page(answer: Answer, token: str | None = None, address: str = "127.0.0.1", p
     served = Served(answer)
     with listening("127.0.0.1", 0) as opened:
         served.port = opened.getsockname()[1]
-        running = PageServer(served.source, Access(address, token), path)
+        running = PageServer(served.source, Access(address, token), path, lambda: served.queues)
         thread = threading.Thread(target=running.run, args=([opened],), daemon=True)
         thread.start()
         end = time.monotonic() + TOLD_S

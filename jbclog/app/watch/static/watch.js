@@ -99,6 +99,25 @@
     if (isAtEnd) list.scrollTop = list.scrollHeight;
   }
 
+  function showQueue(queues) {
+    const part = find("queue"), state = JSON.stringify(queues);
+    if (part.dataset.state === state) return;
+    part.dataset.state = state;
+    part.hidden = !queues.length;
+    part.replaceChildren();
+    for (const queue of queues) {
+      make("h2", part).textContent = queue.text;
+      const body = make("tbody", make("table", part));
+      for (const [name, condition, text] of queue.jobs) {
+        const row = make("tr", body), head = make("th", row);
+        head.scope = "row";
+        head.textContent = name;
+        make("td", row).textContent = condition;
+        make("td", row).textContent = text;
+      }
+    }
+  }
+
   function take(message) {
     heard = performance.now();
     document.body.classList.remove("lost");
@@ -115,6 +134,7 @@
     message.ports.forEach(showPort);
     if (performance.now() - drawn > DRAW_MS) { drawn = performance.now(); tiles.forEach(drawLine); }
     if (message.events) showEvents();
+    showQueue(message.queue || []);
     if (open) refresh();
   }
 

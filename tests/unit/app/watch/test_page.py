@@ -125,6 +125,24 @@ def test_a_port_in_detail(browser: Chromium) -> None:
         opened.close()
 
 
+def test_the_queue_of_a_batch(browser: Chromium) -> None:
+    with page(live_states.run()) as served:
+        opened = seen(browser, served)
+        assert opened.js("document.getElementById('queue').hidden")
+        served.queues = (live_states.QUEUE,)
+        opened.until("document.querySelectorAll('#queue tr').length === 3")
+        assert text(opened, "#queue h2") == "batch night: 1 of 3 jobs have ended"
+        assert opened.js("document.querySelectorAll('#queue tr')[1].innerText.split('\\t')") == [
+            *("smd-2", "running", "recording, 42 s of 90 s")
+        ]
+        assert opened.js("document.images.length") == 0
+        assert opened.js("document.documentElement.scrollWidth") <= 1280
+        served.queues = ()
+        opened.until("document.getElementById('queue').hidden")
+        assert opened.said == []
+        opened.close()
+
+
 def test_runs_of_the_folder_lead_to_their_reports(browser: Chromium, tmp_path: Path) -> None:
     ended = Recording(tmp_path)
     ended.finalize()
@@ -184,6 +202,7 @@ def test_trouble_with_the_record_is_shown(browser: Chromium) -> None:
 @pytest.mark.parametrize("width", [320, 390, 768])
 def test_a_phone_shows_everything_without_scrolling_sideways(browser: Chromium, width: int) -> None:
     with page(live_states.run()) as served:
+        served.queues = (live_states.QUEUE,)
         opened = seen(browser, served, width, 844, phone=True)
         assert opened.js("document.documentElement.scrollWidth") <= width
         size = float(opened.js(f"getComputedStyle({TILE.format(0)}.querySelector('.now')).fontSize").removesuffix("px"))
@@ -213,6 +232,7 @@ def test_words_for_those_who_hear_the_page(browser: Chromium) -> None:
 def test_axe_finds_no_fault(browser: Chromium, scheme: str) -> None:
     axe = Path(axe_core_python.__file__).with_name("axe.min.js").read_text(encoding="utf-8")
     with page(live_states.run()) as served:
+        served.queues = (live_states.QUEUE,)
         opened = browser.page(1280, 900)
         opened.ask("Emulation.setEmulatedMedia", features=[{"name": "prefers-color-scheme", "value": scheme}])
         opened.visit(served.address)

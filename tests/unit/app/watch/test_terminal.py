@@ -97,6 +97,18 @@ def test_ports_come_and_go() -> None:
     play(steps)
 
 
+def test_the_queue_of_a_batch() -> None:
+    async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
+        await shown(app, pilot, live_states.run())
+        assert not app.query_one("#queue").display
+        app.show_queues((live_states.QUEUE,))
+        text = await shown(app, pilot, live_states.run())
+        assert "batch night: 1 of 3 jobs have ended" in text
+        assert "smd-2  running  recording, 42 s of 90 s" in text
+
+    play(steps)
+
+
 def test_a_terminal_that_is_resized() -> None:
     async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
         await shown(app, pilot, live_states.run())

@@ -1,0 +1,151 @@
+"""The queue of the batch that runs on a folder of runs, read from its store without a lock on it and without writing."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from jbclog.app.batch.job_dir import JobProgress
+from jbclog.app.batch.journal import SUFFIX, parsed
+from jbclog.app.batch.single_batch import LOCK
+from jbclog.app.batch.state import Attempt, BatchState, JobState, State, batch_state
+from jbclog.app.batch.store import NAME
+from jbclog.config.durations import span_s
+from jbclog.core.foreign.json_reader import builder, json_of
+from jbclog.core.locks import is_locked
+from jbclog.core.text import clean
+from jbclog.live.follower import is_run
+from jbclog.live.sqlite_pages import DatabasePages, Malformed
+from jbclog.live.sqlite_rows import Value, roots, rows
+
+EVERY_S: Final = 2.0
+NOT_READABLE: Final = "{}: its queue cannot be read now: {}"
+MOST_JOBS: Final = 500
+LONGEST: Final = 120  # signs of why a job ended as it did; the table of `jbclog batch` has all
+
+_build_progress: Final = builder(JobProgress)
+
+
+@dataclass(frozen=True, slots=True)
+class QueuedJob:
+    """A job: its name, its state (`State`), and what there is to say of it."""
+
+    name: str
+    state: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class BatchQueue:
+    """The jobs of a batch in their order; `text` says how far it has come."""
+
+    text: str
+    jobs: tuple[QueuedJob, ...] = ()
+
+
+class QueueFollower:
+    """The batch that runs on the folder of runs at `path`, or on that of the run at `path`. `poll` may be called at any rate."""
+
+    def __init__(self, path: Path) -> None:
+        self._home = path.absolute().parent if is_run(path) else path
+        self._looked_at: float | None = None
+        self._queues: tuple[BatchQueue, ...] = ()
+
+    def poll(self) -> tuple[BatchQueue, ...]:
+        """Return the queue of each batch that runs now; none where none runs."""
+        now = time.monotonic()
+        if self._looked_at is None or now - self._looked_at >= EVERY_S:
+            self._looked_at, self._queues = now, tuple(self._running())
+        return self._queues
+
+    def _running(self) -> list[BatchQueue]:
+        try:
+            homes = sorted(self._home.glob(f"*{SUFFIX}"))
+            return [queue_of(home) for home in homes if is_locked(home / LOCK)]
+        except OSError as error:
+            return [BatchQueue(NOT_READABLE.format(self._home.name, error.strerror or error))]
+
+
+def queue_of(home: Path) -> BatchQueue:
+    """Return the queue of the newest batch of a jobs file whose batches are in `home`."""
+    name = clean(home.name.removesuffix(SUFFIX))
+    folders = sorted((one for one in home.glob("*Z*") if one.is_dir() and not one.is_symlink()), key=lambda one: one.name)
+    if not folders:
+        return BatchQueue(f"batch {name} begins")
+    try:
+        state, progress = _read(folders[-1] / NAME)
+    except (OSError, Malformed, ValueError) as error:
+        return BatchQueue(NOT_READABLE.format(f"batch {name}", error))
+    jobs = list(state.jobs.values())[:MOST_JOBS]
+    ended = sum(job.is_over for job in jobs)
+    text = f"batch {name}: {ended} of {len(state.jobs)} jobs have ended"
+    why = state.ended_by or (state.stopped_by and f"{state.stopped_by} failed")
+    text += clean(f"; no more jobs start: {why}") if why else ""
+    return BatchQueue(text, tuple(_job(job, progress) for job in jobs))
+
+
+def _read(path: Path) -> tuple[BatchState, dict[str, JobProgress]]:
+    """Return the state of a batch by its journal, and the progress of its attempts. Raises OSError, Malformed."""
+    pages = DatabasePages(path)
+    try:
+        lines, attempts = pages.snapshot(lambda one: (_values(one, "journal"), _values(one, "attempt")))
+    finally:
+        pages.close()
+    entries = [entry for _, line in lines if isinstance(line, bytes) and (entry := parsed(line)) is not None]
+    return batch_state(entries), {str(name): _progress(text) for name, _, _, text, *_ in attempts}
+
+
+def _values(pages: DatabasePages, table: str) -> list[list[Value]]:
+    found = roots(pages)
+    return [row.values(pages) for row in rows(pages, found[table])] if table in found else []
+
+
+def _progress(text: Value) -> JobProgress:
+    try:
+        return _build_progress(json_of(text)) if isinstance(text, str) else JobProgress()
+    except ValueError:
+        return JobProgress()
+
+
+def _job(job: JobState, progress: dict[str, JobProgress]) -> QueuedJob:
+    if job.state is State.WAITING:
+        text = _waiting(job)
+    elif job.state is State.RUNNING and job.last is not None:
+        text = _now(job, job.last, progress.get(f"{job.name}-{job.last.number}", JobProgress()))
+    else:
+        text = _ended(job)
+    return QueuedJob(clean(job.name), str(job.state), clean(text))
+
+
+def _waiting(job: JobState) -> str:
+    asked = _asked(job)
+    after = asked.get("after")
+    parts = [f"after {', '.join(map(str, after))}"] if isinstance(after, list) and after else []
+    parts += [time.strftime("from %Y-%m-%d %H:%M", time.localtime(job.due))] if job.due is not None else []
+    return ", ".join(parts)
+
+
+def _now(job: JobState, attempt: Attempt, now: JobProgress) -> str:
+    duration = _asked(job).get("duration")
+    whole_s = span_s(duration) if isinstance(duration, str) else None
+    of = "" if whole_s is None else f" of {whole_s:.0f} s"
+    parts = [f"{now.doing}, {now.passed_s:.0f} s{of}"]
+    parts += [f"{now.units} units"] if now.units else []
+    parts += [f"{now.alarms} alarms"] if now.alarms else []
+    parts += [f"disconnected: {', '.join(now.away)}"] if now.away else []
+    parts += [attempt.run] if attempt.run else []
+    return " · ".join(parts)
+
+
+def _ended(job: JobState) -> str:
+    return job.text if len(job.text) <= LONGEST else f"{job.text[:LONGEST]}…"
+
+
+def _asked(job: JobState) -> dict[str, object]:
+    try:
+        asked = json_of(job.asked)
+    except ValueError:
+        return {}
+    return asked if isinstance(asked, dict) else {}
