@@ -19,13 +19,15 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import boxcox, inv_boxcox, log_ndtr, ndtr, ndtri_exp
+from scipy.special import boxcox, expit, inv_boxcox, log_ndtr, ndtr, ndtri_exp
 
 Floats = NDArray[np.float64]
 
 ACCEPTED: Final = 0.05
 FAR_OUT: Final = 0.001  # chance of such an outlier among all values, under the family that fits the others
 OUTLIERS: Final = 0.02  # at most this share of the values, or one
+MOST_OUTLIERS: Final = 50  # and at most so many: more are a tail, not a few that lie far beyond
+SLACK: Final = 2.0  # of the score by the tightest fit: the fit with fewer left out may be another in its shape
 REACH: Final = 3.0  # standard scores of the percentiles 0.135 and 99.865
 NORMAL_FIRST: Final = 2.0  # of BIC, that another family must be better by (Raftery 1995: positive evidence)
 LOG_ROOT: Final = -0.5 * float(np.log(2 * np.pi))
@@ -116,7 +118,7 @@ class Weibull(Family):
         with np.errstate(divide="ignore"):
             below = np.log(-np.expm1(-ordered))
         squared = _anderson_darling(below, -ordered[::-1], n) * (1 + 0.2 / sqrt(n))
-        return float(1 / (1 + np.exp(-0.1 + 1.24 * np.log(squared) + 4.48 * squared)))
+        return float(expit(0.1 - 1.24 * np.log(squared) - 4.48 * squared))
 
     @staticmethod
     def _hazard(fitted: tuple[Floats, ...], values: Floats) -> Floats:
@@ -293,14 +295,28 @@ def _fit(family: Family, points: Floats) -> Fit | None:
 def _but_for_outliers(family: Family, points: Floats) -> Fit | None:
     """Return the fit of all but the few values furthest from the median, if these are far beyond it."""
     n = len(points)
+    most = min(max(1, int(OUTLIERS * n)), MOST_OUTLIERS)
     order = np.argsort(np.abs(points - np.median(points)))
-    for left_out in range(1, max(1, int(OUTLIERS * n)) + 1):
+    furthest = points[order[-most:]]
+    near = _scores_at_most(family, points[np.sort(order[:-most])], furthest)
+    for left_out in range(1, most + 1):
+        if not _is_far_out(near[-left_out] + SLACK, n):
+            continue
         found = _fit(family, points[np.sort(order[:-left_out])])
-        if found is not None:
-            nearest = float(np.abs(found.scores(points[order[-left_out:]])).min())
-            if 2 * n * ndtr(-nearest) < FAR_OUT:
-                return Fit(family, found.fitted, found.chance, left_out)
+        if found is not None and _is_far_out(float(np.abs(found.scores(furthest[-left_out:])).min()), n):
+            return Fit(family, found.fitted, found.chance, left_out)
     return None
+
+
+def _scores_at_most(family: Family, tightest: Floats, furthest: Floats) -> Floats:
+    """Return about how far out each of `furthest` can be: by the values without any of them, whose spread is the least."""
+    scores = np.abs(family.scores(family.fit(tightest), furthest))
+    return np.where(np.isnan(scores), np.inf, scores)
+
+
+def _is_far_out(score: float, n: int) -> bool:
+    """Whether a score this high is not expected among `n` values."""
+    return bool(2 * n * ndtr(-score) < FAR_OUT)
 
 
 def _spread_of_power(even: Floats, power: Floats) -> Floats:

@@ -5,8 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from jbclog.analysis.spc import fitting, probability_plot
-from jbclog.analysis.spc.distribution import FAMILIES, BoxCox, Lognormal, Threshold, Weibull, spread_over_steps
+from jbclog.analysis.spc import distribution, fitting, probability_plot
+from jbclog.analysis.spc.distribution import (
+    FAMILIES,
+    MOST_OUTLIERS,
+    BoxCox,
+    Fit,
+    Floats,
+    Lognormal,
+    Threshold,
+    Weibull,
+    spread_over_steps,
+)
 from support.lazy import stats
 
 
@@ -79,3 +89,30 @@ def test_probability_plot_is_a_line_where_the_family_fits() -> None:
     assert plot.line is not None
     assert np.corrcoef(plot.line, plot.values)[0, 1] > 0.98
     assert (np.diff(plot.values) >= 0).all()
+
+
+def test_of_many_values_a_few_fits_find_the_outliers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A week of joints: a fit takes tens of milliseconds there, and was made for each of two thousand possible outliers."""
+    fits: list[int] = []
+    fit = distribution._fit
+
+    def counted(family: distribution.Family, points: Floats) -> Fit | None:
+        fits.append(len(points))
+        return fit(family, points)
+
+    monkeypatch.setattr(distribution, "_fit", counted)
+    values = np.random.default_rng(7).uniform(1.0, 2.0, 20_000)  # no family fits
+    assert fitting(values) is None
+    assert len(fits) == len(FAMILIES)
+    values[:3] = 40.0, 41.0, 42.0  # far beyond what nothing fits
+    assert fitting(values) is None
+    assert len(fits) <= 2 * 5 * len(FAMILIES)
+
+
+def test_more_than_a_few_outliers_are_a_tail() -> None:
+    values = np.random.default_rng(7).normal(100.0, 1.0, 10_000)
+    few = np.concatenate([values, np.full(MOST_OUTLIERS, 130.0)])
+    found = fitting(few)
+    assert found is not None
+    assert (found.name, found.outliers) == ("normal", MOST_OUTLIERS)
+    assert fitting(np.append(few, 130.0)) is None
