@@ -612,11 +612,11 @@ FOLLOWING = """
 import sys
 from jbclog.live import follow
 with follow(sys.argv[1]) as follower:
-    for run in follower.stream(0.0):
+    for run in follower.stream(0.02):
         if run.ports:
             print("follows", flush=True)
             break
-    for run in follower.stream(0.0):
+    for run in follower.stream(0.02):
         if run.ports[0].coverage.due >= int(sys.argv[2]) and run.is_whole:
             break
     print(run.ports[0].coverage.due, len(run.events), run.problems)
@@ -624,7 +624,7 @@ with follow(sys.argv[1]) as follower:
 
 
 def test_ten_followers_see_every_row_and_the_log_stays_bounded(recording: Recording) -> None:
-    commits = 200
+    commits = 120
     recording.rows(1)
     recording.commit()
     command = [sys.executable, "-c", FOLLOWING, str(recording.folder), str(commits + 1)]
@@ -644,5 +644,5 @@ def test_ten_followers_see_every_row_and_the_log_stays_bounded(recording: Record
             one.kill()
             one.communicate()
     assert ended == [(f"{commits + 1} {commits} ()\n", "")] * 10
-    assert size < 6 << 20
+    assert size < 5 << 20
     assert recording.store.failure is None
