@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cache
 from itertools import combinations
 
 from jbclog.core.errors import StationError
@@ -46,8 +47,12 @@ def _first_taken(client: Client, question: PreparedRead, wire: bytes) -> Value |
 def flipped(wire: bytes, bits: int) -> Iterator[bytes]:
     """Every way to turn over so many different bits of `wire`."""
     whole = int.from_bytes(wire, "big")
-    for places in combinations(range(8 * len(wire)), bits):
-        yield (whole ^ sum(1 << place for place in places)).to_bytes(len(wire), "big")
+    return ((whole ^ turned).to_bytes(len(wire), "big") for turned in _turned(len(wire), bits))
+
+
+@cache
+def _turned(size: int, bits: int) -> list[int]:
+    return [sum(places) for places in combinations([1 << place for place in range(8 * size)], bits)]
 
 
 def taken_of_two_bits(
@@ -57,10 +62,10 @@ def taken_of_two_bits(
 
     Where a reader finds no frame at all, none can be taken; the others go through the client.
     """
-    found = []
-    for sent in flipped(wire, 2):
-        if any(isinstance(one, Frame) for one in FrameReader().feed(sent)):
-            value = taken(command, port, tool, sent, address)
-            if value is not None:
-                found.append((sent, value))
-    return found
+    found = [(sent, taken(command, port, tool, sent, address)) for sent in _framed_of_two_bits(wire)]
+    return [(sent, value) for sent, value in found if value is not None]
+
+
+@cache
+def _framed_of_two_bits(wire: bytes) -> list[bytes]:
+    return [sent for sent in flipped(wire, 2) if any(isinstance(one, Frame) for one in FrameReader().feed(sent))]
