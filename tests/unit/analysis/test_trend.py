@@ -10,13 +10,13 @@ from pathlib import Path
 from shutil import copytree
 
 import numpy as np
-import pandas as pd
 import pytest
 from typer.testing import CliRunner, Result
 
 from jbclog.analysis import run_metrics, spc
 from jbclog.analysis.run import Run
 from jbclog.analysis.runs import open_runs
+from jbclog.analysis.stored_tables import MetricRow
 from jbclog.analysis.trend import metric_unit, title_of, trends
 from jbclog.cli.app import app
 from jbclog.core.errors import UsageError
@@ -37,16 +37,16 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module", autouse=True)
 def _measured_once() -> Iterator[None]:
     """A sealed run is measured once for all tests: they are of what is made of the figures, not of the measuring."""
-    measure, kept = run_metrics.metrics_of, dict[tuple[bytes, str | None], pd.DataFrame]()
+    measure, kept = run_metrics.metric_rows_of, dict[tuple[bytes, str | None], list[MetricRow]]()
 
-    def once(run: Run, station: str | None = None) -> pd.DataFrame:
+    def once(run: Run, station: str | None = None) -> list[MetricRow]:
         manifest = (run.folder / NAME).read_bytes()  # it holds the digests of all that is measured
         if (manifest, station) not in kept:
             kept[manifest, station] = measure(run, station)
-        return kept[manifest, station].copy()
+        return list(kept[manifest, station])
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run_metrics, "metrics_of", once)
+        patch.setattr(run_metrics, "metric_rows_of", once)
         yield
 
 
