@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import re
 import warnings
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from functools import cache
 from importlib.resources import files
 from io import StringIO
 from typing import Any, Final
 
-from matplotlib import __version__, rc_context, rc_params_from_file
+from matplotlib import __version__, rc_context, rc_params_from_file, rcParams
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
@@ -35,8 +35,9 @@ LATER_DIGITS: Final = re.compile(r"(?<=\.\d\d)\d+")
 
 
 def styled() -> AbstractContextManager[None]:
-    """Apply the style while a figure is made or written."""
-    return rc_context(_style())
+    """Apply the style while a figure is made or written. What has its value is not set: matplotlib takes 2 ms to set all."""
+    others = {name: value for name, value in _style().items() if rcParams[name] != value}
+    return rc_context(others) if others else nullcontext()
 
 
 @cache

@@ -15,6 +15,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from jbclog import __version__
+from jbclog.analysis.figures.canvas import styled
 from jbclog.core.text import clean, number, stamp, together
 from jbclog.maintenance.counter_totals.span import NOTHING, Interval
 from jbclog.maintenance.counter_totals.totals import Difference, DifferenceKind
@@ -215,6 +216,11 @@ COUNTS_MOST: Final = 10  # stations up to which their counters stand open on the
 
 def page_of(audit: FleetAudit) -> str:
     """Return the page of an audit as HTML; its bytes follow from `audit` alone."""
+    with styled():  # once for all of its drawings
+        return _rendered(audit)
+
+
+def _rendered(audit: FleetAudit) -> str:
     notes = Notes()
     rows = use_rows(audit, notes)
     weeks = fleet_weeks(audit)
