@@ -35,7 +35,7 @@ from jbclog.record.manifest import RunState, read_manifest
 
 ENDED_S: Final = 1.5
 LEAST_PAUSE_S: Final = 2.0
-REST: Final = 60
+REST: Final = 80
 TRIES: Final = 5
 NICENESS: Final = 19
 STDIN: Final = 0

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Mapping
+from collections import defaultdict, deque
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from numpy.typing import NDArray
 
 from jbclog.core.rows import SIGNAL_COLUMNS
 from jbclog.live.states import Trace
@@ -17,6 +19,8 @@ from jbclog.record.ledger import reasons_of
 TRACE_S: Final = 60.0
 MOST_POINTS: Final = 6_000  # of a trace: a minute at 100 Hz
 MAIN: Final = "temperature_c"
+
+WIDEST: Final = 1 << 32  # numbers of ports are smaller
 
 Key = tuple[str, int]
 """Station and port."""
@@ -34,6 +38,38 @@ class Last(NamedTuple):
     value: object
 
 
+class Points:
+    """The points of a trace, the newest `span_s` seconds of them."""
+
+    def __init__(self, span_s: float) -> None:
+        self._span_s = span_s
+        self._seconds: deque[float] = deque()
+        self._temperatures: deque[float | None] = deque()
+        self._powers: deque[float | None] = deque()
+        self._trace: Trace | None = Trace()
+
+    def add(self, seconds: float, temperature: float | None, power: float | None) -> None:
+        times = self._seconds
+        if times and seconds <= times[-1]:
+            times.clear()  # the clock was set back, and there is no grid to go by
+            self._temperatures.clear()
+            self._powers.clear()
+        times.append(seconds)
+        self._temperatures.append(temperature)
+        self._powers.append(power)
+        while times[-1] - times[0] > self._span_s or len(times) > MOST_POINTS:
+            times.popleft()
+            self._temperatures.popleft()
+            self._powers.popleft()
+        self._trace = None
+
+    def trace(self) -> Trace:
+        """Return the points; the same object until there is a new one, because most looks come between two commits."""
+        if self._trace is None:
+            self._trace = Trace(tuple(self._seconds), tuple(self._temperatures), tuple(self._powers))
+        return self._trace
+
+
 @dataclass(slots=True)
 class PortHistory:
     """One port. `values` and `failures` (value: the reason) are the newest by column."""
@@ -43,28 +79,14 @@ class PortHistory:
     failures: dict[str, Last] = field(default_factory=dict)
     obtained: int = 0
     missing: int = 0
-    points: deque[tuple[float, float | None, float | None]] = field(default_factory=deque)
-
-    def add_point(self, seconds: float, temperature: float | None, power: float | None) -> None:
-        points = self.points
-        if points and seconds <= points[-1][0]:
-            points.clear()  # the clock was set back, and there is no grid to go by
-        points.append((seconds, temperature, power))
-        while points[-1][0] - points[0][0] > TRACE_S or len(points) > MOST_POINTS:
-            points.popleft()
-
-    def trace(self) -> Trace:
-        if not self.points:
-            return Trace()
-        seconds, temperatures, powers = zip(*self.points, strict=True)
-        return Trace(seconds, temperatures, powers)
+    points: Points = field(default_factory=lambda: Points(TRACE_S))
 
 
 class SampleHistory:
     """Takes tables of samples. `add` is for the newest rows, in order; `add_earlier` for older ones, in any order."""
 
     def __init__(self) -> None:
-        self.ports: dict[Key, PortHistory] = {}
+        self.ports: defaultdict[Key, PortHistory] = defaultdict(PortHistory)
 
     def add(self, rows: pa.Table, periods: Mapping[str, float | None]) -> None:
         """Add new rows. `periods`: seconds between the ticks of each station, None without a grid."""
@@ -73,24 +95,27 @@ class SampleHistory:
         columns = (rows[name].to_pylist() for name in ("station", "port", "tick", MAIN, "power_permille"))
         for station, port, tick, temperature, power, time in zip(*columns, times, strict=True):
             period = periods.get(station)
-            self.ports[station, port].add_point(tick * period if period else time / 1e6, temperature, power)
+            self.ports[station, port].points.add(tick * period if period else time / 1e6, temperature, power)
 
     def add_earlier(self, rows: pa.Table) -> None:
         """Count rows, and take from them what is newer than what is known."""
-        for key, moment, quality in _last_of(rows, "quality"):
-            port = self.ports.setdefault(key, PortHistory())
+        table = _Rows(rows)
+        for key, moment, quality in table.last("quality"):
+            port = self.ports[key]
             port.newest = _newer(port.newest, Last(moment, quality))
         for column in SIGNAL_COLUMNS:
             if rows[column].null_count < len(rows):
-                read = rows.filter(pc.is_valid(rows[column]))
-                for key, moment, value in _last_of(read, column):
+                for key, moment, value in table.last(column):
                     known = self.ports[key].values
                     known[column] = _newer(known.get(column), Last(moment, value))
-        self._count(rows)
+        self._count(table)
 
-    def _count(self, rows: pa.Table) -> None:
-        for row in rows.group_by(["station", "port"]).aggregate([(MAIN, "count")]).to_pylist():
-            self.ports[row["station"], row["port"]].obtained += row[f"{MAIN}_count"]
+    def _count(self, table: _Rows) -> None:
+        for key, count in table.count(MAIN):
+            self.ports[key].obtained += count
+        rows = table.rows
+        if rows["reasons"].null_count == len(rows):
+            return
         failed = rows.filter(pc.is_valid(rows["reasons"])).select(["station", "port", "reasons", "tick", "time"])
         grouped = failed.set_column(4, "time", failed["time"].cast(pa.int64())).group_by(["station", "port", "reasons"])
         for row in grouped.aggregate([("tick", "max"), ("time", "max"), ([], "count_all")]).to_pylist():
@@ -104,10 +129,37 @@ def _newer(known: Last | None, new: Last) -> Last:
     return new if known is None or new.moment.tick >= known.moment.tick else known
 
 
-def _last_of(rows: pa.Table, column: str) -> list[tuple[Key, Moment, object]]:
-    """Return the last value of a column for each port."""
-    plain = rows.select(["station", "port", "tick", "time", column])
-    plain = plain.set_column(3, "time", plain["time"].cast(pa.int64()))
-    grouped = plain.group_by(["station", "port"], use_threads=False)
-    found = grouped.aggregate([("tick", "last"), ("time", "last"), (column, "last")]).to_pylist()
-    return [((row["station"], row["port"]), Moment(row["tick_last"], row["time_last"]), row[f"{column}_last"]) for row in found]
+class _Rows:
+    """Rows of samples, by the port that each belongs to."""
+
+    def __init__(self, rows: pa.Table) -> None:
+        self.rows = rows
+        stations = rows["station"].combine_chunks().dictionary_encode()
+        self._names = stations.dictionary.to_pylist()
+        ports = np.asarray(rows["port"].to_numpy(), dtype=np.int64)
+        self._codes = np.asarray(stations.indices.to_numpy(), dtype=np.int64) * WIDEST + ports
+        self._moments = [rows["tick"].to_numpy(), rows["time"].cast(pa.int64()).to_numpy()]
+
+    def last(self, column: str) -> Iterator[tuple[Key, Moment, object]]:
+        """Yield the last value of a column for each port that has one."""
+        values, places = self.rows[column], self._read(column)
+        codes, from_end = np.unique(self._codes[places][::-1], return_index=True)
+        rows = places[::-1][from_end]
+        ticks, times = (moments[rows].tolist() for moments in self._moments)
+        for code, tick, time, value in zip(codes.tolist(), ticks, times, values.take(pa.array(rows)).to_pylist(), strict=True):
+            yield self._key(code), Moment(tick, time), value
+
+    def count(self, column: str) -> Iterator[tuple[Key, int]]:
+        """Yield how many values of a column each port has."""
+        codes, counts = np.unique(self._codes[self._read(column)], return_counts=True)
+        for code, count in zip(codes.tolist(), counts.tolist(), strict=True):
+            yield self._key(code), count
+
+    def _read(self, column: str) -> NDArray[np.int64]:
+        """Return the rows in which a column has a value."""
+        values = self.rows[column]
+        return np.flatnonzero(np.asarray(pc.is_valid(values).to_numpy())) if values.null_count else np.arange(len(values))
+
+    def _key(self, code: int) -> Key:
+        station, port = divmod(code, WIDEST)
+        return self._names[station], port

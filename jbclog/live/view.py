@@ -92,9 +92,10 @@ class RunView:
 
     def _port(self, facts: StationFacts, number: int, phase: Phase, ages: _Ages) -> PortState:
         place = facts.name, number
-        history = self.samples.ports.get(place, PortHistory())
+        history = self.samples.ports.get(place) or PortHistory()
         is_live = phase is Phase.RECORDING and facts.outcome == StationOutcome.RUNNING
-        readings = {column: ages.reading(history, column, is_live=is_live) for column in {*history.values, *history.failures}}
+        is_old = not is_live or ages.is_old(history.newest)
+        readings = {column: ages.reading(history, column, is_old=is_old) for column in {*history.values, *history.failures}}
         if facts.signals and MAIN not in facts.signals:
             readings.setdefault(MAIN, NOT_SUPPORTED)
         alarms = (*self.events.alarms((facts.name, None)), *self.events.alarms(place))
@@ -116,7 +117,7 @@ class RunView:
             alarms=alarms,
             problems=problems,
             coverage=Coverage(history.obtained + history.missing, history.obtained, self.is_whole),
-            trace=history.trace(),
+            trace=history.points.trace(),
             joints=self.joints.get(place, self.not_counted),
         )
 
@@ -153,11 +154,12 @@ class _Ages:
         before = (self.newest.tick - moment.tick) * self.period_s if self.period_s else (self.newest.time - moment.time) / 1e6
         return max(newest_s, 0.0) + max(before, 0.0)
 
-    def reading(self, history: PortHistory, column: str, *, is_live: bool) -> Reading:
+    def reading(self, history: PortHistory, column: str, *, is_old: bool) -> Reading:
+        """Return the newest reading of a column. `is_old`: nobody records, or the port's newest row is too old."""
         value, failure = history.values.get(column), history.failures.get(column)
         is_failed = failure is not None and (value is None or failure.moment.tick > value.moment.tick)
         age = None if value is None else self.age_s(value.moment)
-        is_old = not is_live or self._is_old(history.newest) or (column == MAIN and self._is_old(value))
+        is_old = is_old or (column == MAIN and self.is_old(value))
         return Reading(
             None if value is None else value.value,  # type: ignore[arg-type]  # the schema has no other types
             age,
@@ -165,7 +167,8 @@ class _Ages:
             is_old,
         )
 
-    def _is_old(self, last: Last | None) -> bool:
+    def is_old(self, last: Last | None) -> bool:
+        """Whether a value is too old to be shown as known."""
         age = None if last is None else self.age_s(last.moment)
         return age is None or age > self.limit_s
 

@@ -1,0 +1,116 @@
+"""What following costs: one follower's CPU for 64 ports at 10 Hz, and the recorder's lateness with and without ten followers.
+
+The run is one; the followers come and go in it, so that both halves have the same machine. Stretches without and with ten of them
+alternate; the seconds in which they start are left out. A further follower counts the joints as well.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Final
+
+import pyarrow.parquet as pq
+from common import Claim, at_most, is_short, judge, percentile, show, virtual_stations
+from recorder import record
+
+STATIONS: Final = 64
+FOLLOWERS: Final = 10
+BEGIN_S, START_S = 15.0, 6.0  # of the run, and of followers that start
+WIDER: Final = 1.5  # times the lateness without followers, and `SLACK_MS`
+SLACK_MS: Final = 1.0
+FOLLOW: Final = """
+import sys
+from jbclog.live import follow
+with follow(sys.argv[1], joints=sys.argv[2] == "joints") as line:
+    for run in line.stream():
+        pass
+"""
+Stretch = tuple[float, float]
+
+
+def main() -> int:
+    stretch_s, times = (12.0, 1) if is_short(__doc__) else (30.0, 3)
+    seconds = BEGIN_S + times * (2 * stretch_s + START_S) + START_S + stretch_s + 10.0
+    without: list[Stretch] = []
+    with_ten: list[Stretch] = []
+    shares: list[float] = []
+    with virtual_stations(STATIONS, wire=False) as stations, ProcessPoolExecutor(1, mp_context=get_context("spawn")) as own:
+        running = own.submit(record, stations.line, stations.recipe(), stations.folder, seconds)
+        time.sleep(BEGIN_S)
+        for _ in range(times):
+            without.append(_stretch(stretch_s))
+            with following(stations.folder, FOLLOWERS) as processes:
+                before = [_cpu_s(one) for one in processes]
+                with_ten.append(_stretch(stretch_s))
+                shares += [(_cpu_s(one) - first) / stretch_s for one, first in zip(processes, before, strict=True)]
+        with following(stations.folder, 1, "joints") as (counting,):
+            first = _cpu_s(counting)
+            _stretch(stretch_s)
+            with_joints = (_cpu_s(counting) - first) / stretch_s
+        recorded = running.result()
+        (samples,) = stations.folder.glob("*-bench-*/samples")
+        late = {"without": _late_ms(samples, without), "ten followers": _late_ms(samples, with_ten)}
+    figures = {who: (percentile(some, 50), percentile(some, 99), max(some)) for who, some in late.items()}
+    rows = [[who, len(late[who]), *figures[who]] for who in late]
+    show(f"{STATIONS} stations at 10 Hz, {seconds:g} s", ("", "ticks", "late ms 50 %", "99 %", "latest"), rows)
+    print(f"  a follower: {100 * sum(shares) / len(shares):.2f} % of a core, with joints {100 * with_joints:.2f} %")
+    print(f"  ticks skipped in the whole run: {recorded.ticks_skipped} of {recorded.rows}")
+    return judge(_claims(figures, max(shares)))
+
+
+def _claims(figures: dict[str, tuple[float, float, float]], share: float) -> list[Claim]:
+    alone, beside = figures.values()
+    return [
+        at_most(f"a follower of {STATIONS} ports, the dearest of all, of a core", 100 * share, 3.0, " %"),
+        at_most("ticks, half of them: late with ten followers", beside[0], WIDER * alone[0] + SLACK_MS, " ms"),
+        at_most("ticks, 99 % of them: late with ten followers", beside[1], WIDER * alone[1] + SLACK_MS, " ms"),
+    ]
+
+
+@contextmanager
+def following(runs: Path, count: int, what: str = "rows") -> Iterator[list[subprocess.Popen[bytes]]]:
+    """So many followers, once they have started."""
+    command = [sys.executable, "-c", FOLLOW, str(runs), what]
+    processes = [subprocess.Popen(command) for _ in range(count)]
+    time.sleep(START_S)
+    try:
+        yield processes
+    finally:
+        for one in processes:
+            one.kill()
+            one.wait()
+
+
+def _stretch(seconds: float) -> Stretch:
+    began = time.time()
+    time.sleep(seconds)
+    return began, time.time()
+
+
+def _cpu_s(process: subprocess.Popen[bytes]) -> float:
+    """The CPU that a process has used so far, and its children that live."""
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    return sum(_used_s(int(one)) for one in (process.pid, *children))
+
+
+def _used_s(pid: int | str) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _late_ms(samples: Path, stretches: Sequence[Stretch]) -> list[float]:
+    rows = pq.read_table(samples, columns=["time", "late_us"])
+    found = zip(rows["time"].cast("int64").to_pylist(), rows["late_us"].to_pylist(), strict=True)
+    return [us / 1000 for time_us, us in found if us is not None and any(a <= time_us / 1e6 < b for a, b in stretches)] or [0.0]
+
+
+if __name__ == "__main__":
+    sys.exit(main())
