@@ -94,8 +94,8 @@ def metric_unit(metric: str) -> str:
     if found is None:
         names = [one.name for one in DEFINITIONS]
         near = get_close_matches(metric[:64], names, n=1)
-        meant = f"did you mean {near[0]}? " if near else ""
-        raise UsageError(f"unknown metric {metric[:64]!r}; {meant}Known: {', '.join(names)}")
+        meant = f"; did you mean {near[0]}?" if near else "."
+        raise UsageError(f"there is no metric {metric[:64]!r}{meant} There are {', '.join(names)}")
     return found
 
 

@@ -23,8 +23,10 @@ def alarms(
     words: list[str] = typer.Argument(
         ..., metavar="RUN | ack RUN EPISODE", help="Run folder; after `ack` also an episode.", show_default=False
     ),
-    by: str | None = typer.Option(None, "--by", metavar="WHO", help="Person who acknowledges.", show_default=False),
-    reason: str | None = typer.Option(None, "--reason", metavar="TEXT", help="Reason.", show_default=False),
+    by: str | None = typer.Option(
+        None, "--by", metavar="WHO", help="Person who acknowledges.  [required with ack]", show_default=False
+    ),
+    reason: str | None = typer.Option(None, "--reason", metavar="TEXT", help="Reason.  [required with ack]", show_default=False),
     as_json: bool = options.AS_JSON,
 ) -> None:
     """Show a run's alarms as episodes, or acknowledge one.
@@ -91,7 +93,7 @@ def _acknowledge(run: Path, episode: str, by: str | None, reason: str | None, *,
     from jbclog.record.annotations import append
     from jbclog.record.chains import short_head
 
-    who, why = _given("--by", by), _given("--reason", reason)
+    who, why = options.signed("alarms ack", by, reason)
     found = _alarms_of(run)
     incident = found.incident_of(episode)
     if incident is None:
@@ -104,11 +106,3 @@ def _acknowledge(run: Path, episode: str, by: str | None, reason: str | None, *,
         echo_json({"run": str(run), "episode": episode, "head": head})
     else:
         echo(f"{run}: {episode} acknowledged (annotations fingerprint {short_head(head)})")
-
-
-def _given(option: str, text: str | None) -> str:
-    """Return `text`. Raises `UsageError` if it is empty or holds hidden characters."""
-    if text is None or not text.strip():
-        raise UsageError(f"alarms ack: {option} is required")
-    options.check_text(option, text)
-    return text

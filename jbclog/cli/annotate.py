@@ -16,9 +16,9 @@ from jbclog.core.errors import UsageError
 def annotate(
     run: Path = options.RUN,
     text: str | None = typer.Argument(None, metavar="TEXT", help="Note.", show_default=False),
-    by: str | None = typer.Option(None, "--by", metavar="WHO", help="Author; required with TEXT or --unit.", show_default=False),
+    by: str | None = typer.Option(None, "--by", metavar="WHO", help="Author.  [required with TEXT or --unit]", show_default=False),
     reason: str | None = typer.Option(
-        None, "--reason", metavar="TEXT", help="Reason; required with TEXT or --unit.", show_default=False
+        None, "--reason", metavar="TEXT", help="Reason.  [required with TEXT or --unit]", show_default=False
     ),
     unit: str | None = typer.Option(
         None, "--unit", metavar="SERIAL", help="Instead of TEXT: a unit of this run.", show_default=False
@@ -45,7 +45,7 @@ def annotate(
         _add(run, "--unit", unit, by, reason, as_json=as_json, kind=LATE)
     elif text is None:
         if by is not None or reason is not None:
-            raise UsageError("annotate: --by and --reason require TEXT")
+            raise UsageError("annotate: --by and --reason are of a note: give its TEXT, or --unit SERIAL; nothing was added")
         _show(run, as_json=as_json)
     else:
         _add(run, "TEXT", text, by, reason, as_json=as_json)
@@ -55,21 +55,15 @@ def _add(run: Path, option: str, text: str, by: str | None, reason: str | None, 
     from jbclog.record.annotations import append
     from jbclog.record.chains import short_head
 
-    who, why = _given("--by", by), _given("--reason", reason)
+    who, why = options.signed("annotate", by, reason)
+    if not text.strip():
+        raise UsageError(f"annotate: {option} is empty; nothing was added")
     options.check_text(option, text)
-    head = append(run, who=who, what=_given(option, text).strip(), why=why, kind=kind)
+    head = append(run, who=who, what=text.strip(), why=why, kind=kind)
     if as_json:
         echo_json({"run": str(run), "head": head})
     else:
         echo(f"{run}: note added (annotations fingerprint {short_head(head)})")
-
-
-def _given(option: str, text: str | None) -> str:
-    """Return `text`. Raises `UsageError` if it is empty or holds hidden characters."""
-    if text is None or not text.strip():
-        raise UsageError(f"annotate: {option} is required")
-    options.check_text(option, text)
-    return text
 
 
 def _show(run: Path, *, as_json: bool) -> None:

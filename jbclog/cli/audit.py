@@ -50,8 +50,8 @@ def _check(option: str, path: Path) -> None:
 
 # -- audit --------------------------------------------------------------------------------------------------------------------
 
-LEDGER = typer.Option(None, "--ledger", metavar="FILE", help="Counter ledger; created if missing, append-only.")
-LINES = typer.Option([], "--line", "-l", metavar="FILE", help="Line file; repeatable.", show_default=False)
+LEDGER = typer.Option(..., "--ledger", metavar="FILE", help="Counter ledger; created if missing, append-only.", show_default=False)
+LINES = typer.Option(..., "--line", "-l", metavar="FILE", help="Line file; repeatable.", show_default=False)
 RUNS = typer.Option(None, "--runs", metavar="DIR", help="Folder of runs, for errors and tip verifications.", show_default=False)
 HTML = typer.Option(None, "--html", metavar="FILE", help="Write an HTML page, one row per station.", show_default=False)
 
@@ -60,7 +60,7 @@ HTML = typer.Option(None, "--html", metavar="FILE", help="Write an HTML page, on
 def audit(
     ctx: typer.Context,
     line: list[Path] = LINES,
-    ledger: Path | None = LEDGER,
+    ledger: Path = LEDGER,
     tasks: Path | None = typer.Option(
         None, "--tasks", metavar="FILE", help="Maintenance tasks with their service intervals (TOML).", show_default=False
     ),
@@ -88,8 +88,6 @@ def audit(
     """
     from jbclog.app.audit.survey import Survey
 
-    if not line or ledger is None:
-        raise UsageError("audit: give --line and --ledger")
     fatal = _findings(fail_on)
     lines = _lines(line)
     known = _tasks(tasks)

@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import typer
 from typer.core import TyperCommand, TyperGroup
+
+WrongUsage: Any = typer.BadParameter.__bases__[0]  # typer does not export it
 
 
 class Program(TyperGroup):
@@ -26,7 +29,19 @@ class Program(TyperGroup):
 
 
 class Verb(TyperCommand):
-    """A command whose help shows neither Python types nor braces."""
+    """A command whose help shows neither Python types nor braces, and whose errors are JSON with --json."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse; print a wrong option or value as JSON, too, like any other error of a command."""
+        has_json = "--json" in args  # parsing takes the words out
+        try:
+            return super().parse_args(ctx, args)
+        except WrongUsage as error:
+            if has_json:
+                from jbclog.cli.output import echo_json  # not loaded by --help
+
+                echo_json({"error": "UsageError", "problems": [error.format_message()], "exit_code": 2})
+            raise
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """Return the words after the command's name; an optional one is in brackets."""

@@ -82,6 +82,8 @@ def _show(path: Path, *, as_json: bool, refused: dict[str, str] | None = None) -
 
     from jbclog.analysis.control_limits import read_limits
 
+    if not path.exists():
+        raise UsageError(f"{path}: no such file; `jbclog limits learn` writes one")
     found, sha256 = read_limits(path)
     if as_json:
         echo_json({"file": str(path), "sha256": sha256, **asdict(found), "refused": refused or {}})

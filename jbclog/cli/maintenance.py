@@ -22,8 +22,10 @@ if TYPE_CHECKING:
 
 DONE, LIST = "done", "list"
 COLUMNS = ("time", "station", "task", "by", "part", "note")
-STATION = typer.Option(None, "--station", "-s", metavar="NAME", help="Station; LINE/NAME if two lines have it.")
-TASK = typer.Option(None, "--task", metavar="NAME", help="Task, such as tip-change.", show_default=False)
+STATION = typer.Option(
+    None, "--station", "-s", metavar="NAME", help="Station; LINE/NAME if two lines have it.  [required with done]"
+)
+TASK = typer.Option(None, "--task", metavar="NAME", help="Task, such as tip-change.  [required with done]", show_default=False)
 PART = typer.Option(None, "--tip", "--part", metavar="ID", help="New tip, cartridge or part.", show_default=False)
 
 

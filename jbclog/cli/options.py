@@ -177,6 +177,17 @@ def metadata(
     return Metadata(operator, order, product, units, tags(several.get("--tag", ())), wire_lots, flux_lots, tips)
 
 
+def signed(what: str, by: str | None, reason: str | None) -> tuple[str, str]:
+    """Return author and reason of what stays for ever. Raises `UsageError` with all that is missing or holds hidden characters."""
+    given = {"--by WHO": by or "", "--reason TEXT": reason or ""}
+    missing = [option for option, text in given.items() if not text.strip()]
+    if missing:
+        raise UsageError(f"{what}: {' and '.join(missing)} {'are' if len(missing) > 1 else 'is'} required; nothing was added")
+    for option, text in given.items():
+        check_text(option.partition(" ")[0], text)
+    return by or "", reason or ""
+
+
 def check_text(option: str, text: str) -> None:
     """Raise `UsageError` if `text` is too long or holds hidden characters."""
     if len(text) > LONGEST_TEXT:

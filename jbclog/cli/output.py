@@ -116,7 +116,10 @@ def reports_errors(verb: Callable[P, None]) -> Callable[P, None]:
         except Exception as error:
             if os.environ.get("JBCLOG_TRACEBACK"):
                 raise
-            note(f"jbclog: internal error, {unexpected_error_text(error)} (set JBCLOG_TRACEBACK=1 to see where; please report it)")
+            text = f"internal error, {unexpected_error_text(error)} (set JBCLOG_TRACEBACK=1 to see where; please report it)"
+            note(f"jbclog: {text}")
+            if kwargs.get("as_json"):
+                echo_json({"error": type(error).__name__, "problems": [text], "exit_code": INTERNAL_ERROR})
             raise typer.Exit(INTERNAL_ERROR) from error
 
     return wrapper

@@ -185,8 +185,8 @@ def test_acknowledging_with_a_name_and_a_reason(tmp_path: Path) -> None:
     ("words", "said"),
     [
         (("ack", "RUN", "B-high-x", "--by", "A", "--reason", "B"), "has no such episode"),
-        (("ack", "RUN", "B-high-x", "--by", "A"), "--reason is required"),
-        (("ack", "RUN", "B-high-x", "--by", " ", "--reason", "B"), "--by is required"),
+        (("ack", "RUN", "B-high-x", "--by", "A"), "alarms ack: --reason TEXT is required; nothing was added"),
+        (("ack", "RUN", "B-high-x", "--by", " ", "--reason", "B"), "alarms ack: --by WHO is required; nothing was added"),
         (("ack", "RUN", "--by", "A", "--reason", "B"), "give RUN, or ack RUN EPISODE"),
         (("RUN", "RUN"), "give RUN, or ack RUN EPISODE"),
         (("RUN", "--by", "A"), "belong to `alarms ack"),

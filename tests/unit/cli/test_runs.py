@@ -189,3 +189,35 @@ def test_a_serial_told_late_is_found_and_the_record_is_as_it_was(runs: Path) -> 
 def test_a_serial_told_late_wants_who_and_why(runs: Path, arguments: list[str]) -> None:
     assert CliRunner().invoke(app, ["annotate", f"runs/{RUN}", *arguments]).exit_code == 2
     assert not (runs / RUN / "annotations.jsonl").exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        (["TEXT"], "--by WHO and --reason TEXT are required"),
+        (["TEXT", "--by", "A"], "--reason TEXT is required"),
+        (["--unit", "SN-7", "--by", " ", "--reason", "B"], "--by WHO is required"),
+        ([" ", "--by", "A", "--reason", "B"], "TEXT is empty"),
+        (["--by", "A"], "--by and --reason are of a note: give its TEXT, or --unit SERIAL"),
+    ],
+)
+def test_a_note_names_all_that_it_lacks(runs: Path, given: list[str], why: str) -> None:
+    refused = CliRunner().invoke(app, ["annotate", f"runs/{RUN}", *given])
+    assert refused.exit_code == 2
+    assert " ".join(refused.stderr.split()) == f"error: annotate: {why}; nothing was added"
+    assert not (runs / RUN / "annotations.jsonl").exists()
+
+
+@pytest.mark.parametrize(
+    ("verb", "options", "when"),
+    [
+        ("annotate", ["--by WHO", "--reason TEXT"], "with TEXT or --unit"),
+        ("alarms", ["--by WHO", "--reason TEXT"], "with ack"),
+        ("maintenance", ["-s, --station NAME", "--task NAME"], "with done"),
+    ],
+)
+def test_help_marks_what_a_part_of_a_command_needs(verb: str, options: list[str], when: str) -> None:
+    shown = CliRunner().invoke(app, [verb, "--help"], terminal_width=200).stdout
+    for option in options:
+        (line,) = (line for line in shown.splitlines() if line.strip().startswith(option))
+        assert line.endswith(f"[required {when}]")
