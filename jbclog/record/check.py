@@ -23,7 +23,7 @@ from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
 from jbclog.core.foreign.json_reader import read_json
 from jbclog.core.rows import SIGNAL_COLUMNS, quality_of
-from jbclog.record import capture, chains, conclude, guard_actions, sealed_files
+from jbclog.record import capture, chains, conclude, guard_actions, report_repeats, sealed_files
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import REPORT, Annotations, read, units_of
 from jbclog.record.chains import broken_links, is_head, short_head
@@ -38,7 +38,6 @@ from jbclog.record.schema import TABLES
 # elsewhere: the next run's manifest, a report, an annotation, a printed page.
 
 AGAIN: Final = "make the report again"
-SAME: Final = ("run", "state", "exit_status", "exit_code", "started", "ended")  # keys of report and manifest
 VERIFICATIONS: Final = "verifications.jsonl"  # of all runs of a folder (`jbclog.maintenance.verification`)
 
 
@@ -166,13 +165,10 @@ def _unlike(report: Mapping[str, Any], manifest: Manifest, said: Annotations, ow
     """Yield where a report of this manifest contradicts the manifest or the annotations, which it repeats."""
     if said.links and str(report.get("annotations_head", own)) not in said.links:
         yield ANNOTATIONS, f"lacks the line that was last when {REPORT} was made: lines were changed or removed"
-    for key in SAME:
-        if key in report and report[key] != getattr(manifest, key):
-            yield REPORT, f"{key}: {report[key]!s:.80}, the manifest says {getattr(manifest, key)}"
-    verdict = report.get("verdict")
-    word = verdict.get("word") if isinstance(verdict, dict) else verdict
-    if manifest.verdict is not None and "verdict" in report and word != manifest.verdict:
-        yield REPORT, f"verdict: {word!s:.80}, the manifest says {manifest.verdict}"
+    try:
+        yield from ((REPORT, text) for text in report_repeats.differences(report, manifest, said, own))
+    except (TypeError, ValueError, AttributeError, LookupError, RecursionError) as error:
+        yield REPORT, f"cannot be compared further: {unexpected_error_text(error)}"
 
 
 def _report_files(folder: Path, hashes: Mapping[str, object], made: set[str]) -> Iterator[tuple[str, str]]:

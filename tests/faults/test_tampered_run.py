@@ -13,6 +13,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -22,7 +23,7 @@ from typer.testing import CliRunner
 
 from jbclog.cli.app import app
 from jbclog.core.errors import RecordError
-from jbclog.record.annotations import append
+from jbclog.record.annotations import append, vouch
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.chains import breaks, digest, first_link, previous_run, short_head
 from jbclog.record.check import check, uncovered
@@ -498,3 +499,56 @@ def test_a_manifest_behind_a_link(bare: Path, tmp_path: Path) -> None:
     (bare / "manifest.json").rename(tmp_path / "elsewhere.json")
     (bare / "manifest.json").symlink_to(tmp_path / "elsewhere.json")
     assert "manifest.json" in named(bare)
+
+
+# -- a report that is forged together with the line that vouches for it ---------------------------------------------------------
+
+
+def vouched_anew(folder: Path, change: Callable[[Any], object]) -> None:
+    """The report's facts with a change, and the line that vouches for them written anew."""
+    without_its_line(folder)
+    altered(folder, change)
+    vouch(folder, hashlib.sha256((folder / "report.json").read_bytes()).hexdigest())
+
+
+FORGERIES: dict[str, tuple[Callable[[Any], object], str]] = {
+    "verdict": (accepted, "verdict: ACCEPT, the manifest says REJECT"),
+    "rule": (lambda facts: facts["verdict"]["rules"][0].update(result="pass?"), "result: pass?"),
+    "rule left out": (lambda facts: facts["verdict"]["rules"].pop(), "verdict, number of rules"),
+    "version of the rules": (lambda facts: facts["verdict"].update(version=1), "verdict, version"),
+    "fingerprint": (lambda facts: facts.update(head="3f2a-91bc-77de-0a12-5c08-b6e1"), "head: 3f2a"),
+    "operator": (lambda facts: facts["metadata"].update(operator="B. Bianchi"), "metadata, operator: B. Bianchi"),
+    "coverage": (lambda facts: _first_port(facts)["recorded"].update(coverage_percent=100.5), "coverage_percent: 100.5"),
+    "safe state": (lambda facts: _first_port(facts).update(safe_state="verified?"), "safe_state: verified?"),
+    "outages": (lambda facts: facts["stations"][0].update(outages=-1), "outages: -1"),
+    "accounting": (lambda facts: facts["ledger"][0].update(ok=-1), "ok: -1"),
+    "accounting left out": (lambda facts: facts["ledger"].pop(), "ledger, number of rows"),
+    "station left out": (lambda facts: facts["stations"].pop(), "number of stations"),
+    "duration": (lambda facts: facts.update(duration_s=1e9), "duration_s: 1000000000.0"),
+    "a file's hash": (lambda facts: facts["files"][0].update(sha256="0" * 64), "files: "),
+    "sum of the files": (lambda facts: facts.update(data_sha256="0" * 64), "data_sha256: 0000"),
+    "what was said": (lambda facts: facts["annotations"][0].update(who="Nobody"), "annotations: "),
+    "another shape": (lambda facts: facts.update(stations=[[]], ledger=[1], verdict={"rules": [1]}), "stations: []"),
+}
+
+
+def _first_port(facts: Any) -> dict[str, Any]:
+    port: dict[str, Any] = facts["stations"][0]["ports"][0]
+    return port
+
+
+@pytest.mark.parametrize("what", FORGERIES)
+def test_what_a_report_repeats_is_compared_although_a_line_vouches_for_it(reported: Path, what: str) -> None:
+    change, said = FORGERIES[what]
+    vouched_anew(reported, change)
+    found = [str(one) for one in check(reported, manifest_sha256(reported))]
+    assert [one for one in found if one.startswith("report.json: ") and said in one], found
+
+
+def test_a_page_forged_with_its_hash_and_line_is_found_by_making_it_again(reported: Path) -> None:
+    """`check` cannot know it, and the documents say so (docs/explanation/record.md, the threat model)."""
+    page = reported / "report.html"
+    page.write_bytes(page.read_bytes().replace(b"REJECT", b"ACCEPT"))
+    vouched_anew(reported, lambda facts: facts["written"].update({"report.html": hashlib.sha256(page.read_bytes()).hexdigest()}))
+    assert check(reported, manifest_sha256(reported)) == []
+    assert any("report.html: differs" in text for text in verify_report(reported))
