@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,10 @@ if TYPE_CHECKING:  # imported where they are needed: nbformat takes two seconds,
 
 HOME = Path(__file__).parents[3] / "notebooks"
 NOTEBOOKS = sorted(HOME.glob("*.ipynb"))
+
+
+# a second to import, for addresses, of which notebooks have none
+sys.modules.setdefault("rfc3987_syntax", None)  # type: ignore[arg-type]
 
 
 def executed(notebook: Path, folder: Path = HOME) -> NotebookNode:
