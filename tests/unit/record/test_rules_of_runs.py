@@ -52,6 +52,8 @@ def test_it_says_what_it_said_and_nothing_is_called_changed(archive: Path, tmp_p
         code, said = said_by("report", folder, "--verify")
         assert code == 0
         assert "changed" not in said
+        if archive.parent != OF_RULES_1:
+            return  # its report was just made again and found the same; that it is written over, those of rules 1 show
     write_report(folder)
     told = json.loads((folder / "report.json").read_text())
     assert told["verdict"]["word"] == noted["verdict"]
