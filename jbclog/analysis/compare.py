@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from difflib import unified_diff
 from typing import Final
 
+import numpy as np
 import pandas as pd
 
 from jbclog.analysis import spc
@@ -23,6 +24,7 @@ from jbclog.analysis.verdict.idle import IdleError
 from jbclog.analysis.verdict.samples import Measures
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.text import exact
 from jbclog.record.find_runs import ending
 from jbclog.record.folder import recipe_copy
 from jbclog.record.manifest import Manifest
@@ -175,7 +177,9 @@ def _metrics(first: Run, second: Run) -> pd.DataFrame:
     one, two = (run.metrics()[[*KEY, "metric", "unit", "value"]] for run in (first, second))
     order = {name: place for place, name in enumerate(dict.fromkeys([*one["metric"], *two["metric"]]))}
     table = _side_by_side(one, two, [*KEY, "metric", "unit"])
-    table["difference"] = table["second"] - table["first"]
+    before, after = (table[name].to_numpy(dtype=np.float64, na_value=np.nan) for name in ("first", "second"))
+    sizes = np.fmax(np.abs(before), np.abs(after))
+    table["difference"] = [exact(float(left), float(size)) for left, size in zip(after - before, sizes, strict=True)]
     return table.sort_values(
         [*KEY, "metric"], key=lambda column: column.map(order) if column.name == "metric" else column
     ).reset_index(drop=True)

@@ -26,6 +26,7 @@ from jbclog.analysis.run_tables import utc
 from jbclog.analysis.runs import WHAT_A_RATE_CHANGES, Runs, rate_text
 from jbclog.analysis.stored_tables import MetricRow
 from jbclog.core.errors import UsageError
+from jbclog.core.text import exact
 from jbclog.record.find_runs import Found
 
 DEFAULT: Final = "idle_error_c"
@@ -74,7 +75,7 @@ class Trend:
 
     @property
     def mean(self) -> float | None:
-        return float(self.values.mean()) if len(self.values) else None
+        return exact(float(self.values.mean()), float(np.abs(self.values).max())) if len(self.values) else None
 
     @property
     def sd(self) -> float | None:

@@ -12,6 +12,7 @@ from jbclog.cli import options
 from jbclog.cli.options import NO_FOLDER, expect_file_place, expect_run, is_folder
 from jbclog.cli.output import echo, echo_json, note, note_unreadable, reports_errors
 from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.text import exact_figures
 
 if TYPE_CHECKING:
     from jbclog.analysis.charts import Charted, Counted, Ranked
@@ -152,7 +153,14 @@ def _print(found: list[Charted | Counted | Ranked], source: Path, metric: str, c
     from jbclog.analysis.chart_words import facts, lines
 
     if as_json:
-        echo_json({"source": str(source), "metric": metric, "limits_sha256": cited, "charts": [facts(one) for one in found]})
+        echo_json(
+            {
+                "source": str(source),
+                "metric": metric,
+                "limits_sha256": cited,
+                "charts": [exact_figures(facts(one)) for one in found],
+            }
+        )
         return
     for one in found:
         for text in lines(one):

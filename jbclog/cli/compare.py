@@ -11,6 +11,7 @@ from jbclog.cli import options
 from jbclog.cli.options import expect_file_place, expect_run
 from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.text import exact_figures
 
 if TYPE_CHECKING:
     from jbclog.analysis.compare import Comparison
@@ -46,7 +47,7 @@ def compare(
 
     found = compared(open_run(first), open_run(second), margin)
     if as_json:
-        echo_json(facts(found))
+        echo_json(exact_figures(facts(found)))
     else:
         for text in lines(found):
             echo(text)

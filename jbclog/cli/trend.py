@@ -10,6 +10,7 @@ import typer
 from jbclog.cli.options import NO_FOLDER, expect_file_place, is_folder
 from jbclog.cli.output import echo, echo_json, echo_table, note, note_unreadable, reports_errors
 from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.text import exact_figures
 
 if TYPE_CHECKING:
     from jbclog.analysis.runs import Runs
@@ -94,7 +95,7 @@ def _print(found: list[Trend], runs: Runs, metric: str, *, as_json: bool) -> Non
     from jbclog.analysis.trend_words import facts, lines
 
     if as_json:
-        body = [facts(one) for one in found]
+        body = [exact_figures(facts(one)) for one in found]
         echo_json(
             {"folder": str(runs.folder), "runs": len(runs), "metric": metric, "definition": metric_text(metric), "trends": body}
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import re
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
@@ -72,6 +73,29 @@ def number(value: object, digits: int = 2) -> str:
     text = text.rstrip("0").rstrip(".") if "." in text else text
     text = "0" if text in ("-0", "") else text
     return text.replace(",", "\u202f").replace("-", "\u2212")
+
+
+DIGITS: Final = 12  # of a figure in JSON
+
+
+def exact(value: float, size: float | None = None) -> float:
+    """Return `value` without what arithmetic of floats adds to it: 0.1 + 0.2 is 0.3.
+
+    Keeps 12 digits; of `size` where the value is the difference or mean of values as large as that.
+    """
+    size = abs(value if size is None else size)
+    return round(value, DIGITS - 1 - math.floor(math.log10(size))) if math.isfinite(value) and 0 < size < math.inf else value
+
+
+def exact_figures(value: object) -> object:
+    """Return JSON data with each float as `exact` returns it."""
+    if isinstance(value, float):
+        return exact(float(value))
+    if isinstance(value, Mapping):
+        return {key: exact_figures(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [exact_figures(one) for one in value]
+    return value
 
 
 _UNITS = re.compile(r"(?<=\d) (?=(?:°C|%|‰|ms|s|min|h|Hz|mm|Wh)(?!\w))")
