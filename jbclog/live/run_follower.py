@@ -230,19 +230,22 @@ class RunFollower:
             if rows is None:
                 self._is_whole = True
             else:
-                self._samples.add_earlier(rows)
+                self._samples.add_earlier(rows, self._periods())
 
     def _add(self, table: str, rows: pa.Table | None) -> None:
         if rows is None or not len(rows):
             return
         if table == "samples":
-            self._samples.add(rows, {facts.name: facts.period_s for facts in self._stations()})
+            self._samples.add(rows, self._periods())
         elif table == "events":
             self._events.add(rows)
         elif table == "settings":
             self._settings.add_settings(rows)
         else:
             self._settings.add_counters(rows)
+
+    def _periods(self) -> dict[str, float | None]:
+        return {facts.name: facts.period_s for facts in self._stations()}
 
     def _take_facts(self) -> None:
         self._facts |= _facts_in(self._store)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
@@ -17,8 +17,13 @@ from jbclog.live.states import Trace
 from jbclog.record.ledger import reasons_of
 
 TRACE_S: Final = 60.0
+HOUR_S: Final = 3600.0
+MEAN_S: Final = 5.0
+MOST_MEANS: Final = round(HOUR_S / MEAN_S)
 MOST_POINTS: Final = 6_000  # of a trace: a minute at 100 Hz
 MAIN: Final = "temperature_c"
+POWER: Final = "power_permille"
+SAME: Final = 1e-9  # of a stretch: ticks times a period are not exact
 
 WIDEST: Final = 1 << 32  # numbers of ports are smaller
 
@@ -70,6 +75,38 @@ class Points:
         return self._trace
 
 
+class Means:
+    """The means of each `MEAN_S` seconds of the last hour; rows may come in any order."""
+
+    def __init__(self) -> None:
+        self._sums: dict[int, list[float]] = {}  # by the number of the stretch: sum and count of temperature, of power
+        self._last = 0
+        self._trace: Trace | None = Trace()
+
+    def add(self, stretch: int, sums: Sequence[float]) -> None:
+        if self._sums and stretch <= self._last - MOST_MEANS:
+            return
+        if not self._sums or stretch != self._last:  # the last one is not shown before it is complete
+            self._last = max(self._last, stretch) if self._sums else stretch
+            self._trace = None
+        self._sums[stretch] = [one + more for one, more in zip(self._sums.get(stretch, (0.0,) * 4), sums, strict=True)]
+        if len(self._sums) > 2 * MOST_MEANS:
+            self._sums = {one: values for one, values in self._sums.items() if one > self._last - MOST_MEANS}
+
+    def trace(self) -> Trace:
+        """Return the stretches that are complete; a stretch without a row has no value either."""
+        if self._trace is None:
+            known = [one for one in self._sums if self._last - MOST_MEANS < one < self._last]
+            stretches = range(min(known), self._last) if known else range(0)
+            sums = [self._sums.get(one, (0.0,) * 4) for one in stretches]
+            self._trace = Trace(
+                tuple((one + 0.5) * MEAN_S for one in stretches),
+                tuple(temperature / count if count else None for temperature, count, _, _ in sums),
+                tuple(power / count if count else None for _, _, power, count in sums),
+            )
+        return self._trace
+
+
 @dataclass(slots=True)
 class PortHistory:
     """One port. `values` and `failures` (value: the reason) are the newest by column."""
@@ -80,6 +117,7 @@ class PortHistory:
     obtained: int = 0
     missing: int = 0
     points: Points = field(default_factory=lambda: Points(TRACE_S))
+    means: Means = field(default_factory=Means)
 
 
 class SampleHistory:
@@ -90,16 +128,18 @@ class SampleHistory:
 
     def add(self, rows: pa.Table, periods: Mapping[str, float | None]) -> None:
         """Add new rows. `periods`: seconds between the ticks of each station, None without a grid."""
-        self.add_earlier(rows)
-        times = rows["time"].cast(pa.int64()).to_pylist()
-        columns = (rows[name].to_pylist() for name in ("station", "port", "tick", MAIN, "power_permille"))
-        for station, port, tick, temperature, power, time in zip(*columns, times, strict=True):
-            period = periods.get(station)
-            self.ports[station, port].points.add(tick * period if period else time / 1e6, temperature, power)
+        table = _Rows(rows, periods)
+        self._add(table)
+        columns = (rows[name].to_pylist() for name in ("station", "port", MAIN, POWER))
+        for station, port, temperature, power, second in zip(*columns, table.seconds.tolist(), strict=True):
+            self.ports[station, port].points.add(second, temperature, power)
 
-    def add_earlier(self, rows: pa.Table) -> None:
+    def add_earlier(self, rows: pa.Table, periods: Mapping[str, float | None]) -> None:
         """Count rows, and take from them what is newer than what is known."""
-        table = _Rows(rows)
+        self._add(_Rows(rows, periods))
+
+    def _add(self, table: _Rows) -> None:
+        rows = table.rows
         for key, moment, quality in table.last("quality"):
             port = self.ports[key]
             port.newest = _newer(port.newest, Last(moment, quality))
@@ -109,6 +149,8 @@ class SampleHistory:
                     known = self.ports[key].values
                     known[column] = _newer(known.get(column), Last(moment, value))
         self._count(table)
+        for key, stretch, sums in table.sums(MEAN_S):
+            self.ports[key].means.add(stretch, sums)
 
     def _count(self, table: _Rows) -> None:
         for key, count in table.count(MAIN):
@@ -132,13 +174,16 @@ def _newer(known: Last | None, new: Last) -> Last:
 class _Rows:
     """Rows of samples, by the port that each belongs to."""
 
-    def __init__(self, rows: pa.Table) -> None:
+    def __init__(self, rows: pa.Table, periods: Mapping[str, float | None]) -> None:
         self.rows = rows
         stations = rows["station"].combine_chunks().dictionary_encode()
         self._names = stations.dictionary.to_pylist()
         ports = np.asarray(rows["port"].to_numpy(), dtype=np.int64)
         self._codes = np.asarray(stations.indices.to_numpy(), dtype=np.int64) * WIDEST + ports
         self._moments = [rows["tick"].to_numpy(), rows["time"].cast(pa.int64()).to_numpy()]
+        period = np.array([periods.get(name) or np.nan for name in self._names])[stations.indices.to_numpy()]
+        ticks, times = self._moments
+        self.seconds = np.where(np.isnan(period), times / 1e6, ticks * period)
 
     def last(self, column: str) -> Iterator[tuple[Key, Moment, object]]:
         """Yield the last value of a column for each port that has one."""
@@ -154,6 +199,23 @@ class _Rows:
         codes, counts = np.unique(self._codes[self._read(column)], return_counts=True)
         for code, count in zip(codes.tolist(), counts.tolist(), strict=True):
             yield self._key(code), count
+
+    def sums(self, stretch_s: float) -> Iterator[tuple[Key, int, tuple[float, ...]]]:
+        """Yield sum and count of temperature and of power for each port and stretch of so many seconds."""
+        if not len(self.rows):
+            return
+        ports, of_port = np.unique(self._codes, return_inverse=True)
+        stretches = np.floor(self.seconds / stretch_s + SAME).astype(np.int64)
+        first, last = int(stretches.min()), int(stretches.max())
+        width = last - first + 1
+        pairs, of_pair = np.unique(of_port * width + stretches - first, return_inverse=True)
+        columns = []
+        for column in (MAIN, POWER):
+            values = np.asarray(self.rows[column].cast(pa.float64()).to_numpy(), dtype=np.float64)
+            columns += [np.bincount(of_pair, np.nan_to_num(values)), np.bincount(of_pair, ~np.isnan(values))]
+        for pair, *sums in zip(pairs.tolist(), *(column.tolist() for column in columns), strict=True):
+            port, stretch = divmod(pair, width)
+            yield self._key(int(ports[port])), stretch + first, tuple(sums)
 
     def _read(self, column: str) -> NDArray[np.int64]:
         """Return the rows in which a column has a value."""

@@ -86,7 +86,7 @@ NOT_COUNTED = Joints(why="not counted yet")
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """The last minute of a port: seconds on the run's grid, and the values there; None: not read.
+    """Points of a port: seconds on the run's grid, and the values there; None: not read.
 
     Seconds go back only where the clock of a run without a grid was set; the trace then begins anew.
     """
@@ -126,7 +126,10 @@ class Counter:
 
 @dataclass(frozen=True, slots=True)
 class PortState:
-    """A port. `readings` by column of the samples; `alarms` and `problems` are sentences that hold now."""
+    """A port. `readings` by column of the samples; `alarms` and `problems` are sentences that hold now.
+
+    `trace` is the last minute; `hour` the last hour, a mean for each five seconds.
+    """
 
     station: str
     port: int
@@ -139,6 +142,7 @@ class PortState:
     problems: tuple[str, ...]
     coverage: Coverage
     trace: Trace
+    hour: Trace = Trace()
     joints: Joints = NOT_COUNTED
 
     def reading(self, column: str) -> Reading:

@@ -118,6 +118,7 @@ class RunView:
             problems=problems,
             coverage=Coverage(history.obtained + history.missing, history.obtained, self.is_whole),
             trace=history.points.trace(),
+            hour=history.means.trace(),
             joints=self.joints.get(place, self.not_counted),
         )
 

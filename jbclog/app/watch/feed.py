@@ -41,6 +41,12 @@ class Feed:
         self._sent = {(port.station, port.port): port.trace.last_s for port in state.ports}
         return _message(state, queues, sent, is_whole=is_other)
 
+    def hour(self, key: str) -> str | None:
+        """Return the last hour of a port as JSON; None: there is no such port."""
+        ports = () if self._state is None else self._state.ports
+        found = next((port.hour for port in ports if f"{port.station} {port.port}" == key), None)
+        return None if found is None else json_line(_points(found, None))
+
 
 def _message(state: RunState, queues: Sequence[BatchQueue], sent: dict[Key, float], *, is_whole: bool) -> str:
     data: Json = {
@@ -89,8 +95,8 @@ def _points(trace: Trace, sent_s: float | None) -> Json:
     return {
         "begin": is_new,
         "seconds": [round(one, 3) for one in trace.seconds[first:]],
-        "temperature": trace.temperature_c[first:],
-        "power": [None if one is None else one / 10 for one in trace.power_permille[first:]],
+        "temperature": [None if one is None else round(one, 2) for one in trace.temperature_c[first:]],
+        "power": [None if one is None else round(one / 10, 1) for one in trace.power_permille[first:]],
     }
 
 

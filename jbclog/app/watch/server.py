@@ -240,6 +240,12 @@ def application(broadcast: Broadcast, access: Access, path: Path) -> ASGIApp:
 
     routes = [Route(place, _file(file, kind)) for place, (file, kind) in FILES.items()]
     routes += [Route("/favicon.ico", lambda _: Response(status_code=204)), Route("/events", events)]
+
+    async def hour(request: Request) -> Response:
+        found = broadcast.feed.hour(request.query_params.get("port", ""))
+        return PlainTextResponse("no such port", 404) if found is None else Response(found, media_type="application/json")
+
+    routes += [Route("/hour", hour)]
     routes += [Route("/runs", runs), Route("/runs/{name}", report)]
     return Guard(Starlette(routes=routes, lifespan=lifespan), access)
 

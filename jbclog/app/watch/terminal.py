@@ -18,6 +18,7 @@ from jbclog.core.errors import JbclogError
 from jbclog.core.rows import Severity
 from jbclog.core.text import clean
 from jbclog.live import PortState, RunState, StationState
+from jbclog.live.sample_history import HOUR_S
 
 EVERY_S: Final = 0.5
 TILE: Final = 38  # columns
@@ -53,13 +54,19 @@ class Tile(Static, can_focus=True):
 
 
 class StationScreen(Screen[None]):
-    """A station in detail: its ports with the last minute, settings and counters."""
+    """A station in detail: its ports with the last minute or hour, settings and counters."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "app.pop_screen", "back")]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "app.pop_screen", "back"), Binding("h", "span", "minute/hour")]
 
     def __init__(self, station: str) -> None:
         super().__init__()
         self.station = station
+        self.shows_hour = False
+
+    def action_span(self) -> None:
+        """Show the last hour, or again the last minute."""
+        self.shows_hour = not self.shows_hour
+        self.show()
 
     def compose(self) -> ComposeResult:
         yield Static(id="head")
@@ -83,7 +90,9 @@ class StationScreen(Screen[None]):
             return
         self.query_one("#head", Static).update(Content(f"{words.run_line(run)}\n{_station_line(station)}"))
         width = max(self.size.width - 4, 10)
-        self.query_one("#ports", Static).update(Content("\n\n".join(_port_text(port, width) for port in station.ports)))
+        self.query_one("#ports", Static).update(
+            Content("\n\n".join(_port_text(port, width, shows_hour=self.shows_hour) for port in station.ports))
+        )
         self._show_table("#settings", words.setting_lines(station))
         self._show_table("#counters", words.counter_lines(station))
 
@@ -206,9 +215,10 @@ def _station_line(station: StationState) -> str:
     return " · ".join(clean(text) for text in facts if text)
 
 
-def _port_text(port: PortState, width: int) -> str:
-    """A port with the plot of its last minute."""
+def _port_text(port: PortState, width: int, *, shows_hour: bool) -> str:
+    """A port with the plot of its last minute or hour."""
     lines = words.port_lines(port, width)
-    lines[3:4] = words.plot(port.trace, width, PLOT_LINES)
+    span = (port.hour, width, PLOT_LINES, HOUR_S) if shows_hour else (port.trace, width, PLOT_LINES)
+    lines[3:4] = words.plot(*span)
     why = words.joints_why(port.joints)
     return "\n".join([f"{words.port_name(port)}: {str(port.condition).upper()}", *lines, *([why] if why else [])])

@@ -174,18 +174,18 @@ def sparkline(trace: Trace, width: int) -> str:
     return "".join(" " if mean is None else BLOCKS[round((mean - low) / (high - low) * (len(BLOCKS) - 1))] for mean in means)
 
 
-def plot(trace: Trace, width: int, height: int) -> list[str]:
-    """Draw the temperature of the last minute in lines of blocks, with its range at the left and its time below."""
-    means = _means(trace, width - LABEL)
+def plot(trace: Trace, width: int, height: int, span_s: float = TRACE_S) -> list[str]:
+    """Draw the temperature of the last seconds in lines of blocks, with its range at the left and its time below."""
+    means = _means(trace, width - LABEL, span_s)
     if not any(mean is not None for mean in means):
-        return ["no reading in the last minute"]
+        return [f"no reading in the last {'minute' if span_s == TRACE_S else 'hour'}"]
     low, high = _range(means)
     steps = [None if mean is None else 1 + round((mean - low) / (high - low) * (height * len(BLOCKS) - 1)) for mean in means]
     lines = []
     for line in reversed(range(height)):
         label = f"{high:.0f} °C" if line == height - 1 else f"{low:.0f} °C" if line == 0 else ""
         lines.append(f"{label:>{LABEL - 1}} " + "".join(_block(step, line) for step in steps))
-    seconds = f"-{TRACE_S:.0f} s"
+    seconds = f"-{span_s:.0f} s" if span_s <= TRACE_S else f"-{span_s / 60:.0f} min"
     return [*lines, " " * LABEL + seconds + "now".rjust(max(width - LABEL - len(seconds), 4))]
 
 
@@ -194,24 +194,24 @@ def _block(step: int | None, line: int) -> str:
     return " " if filled < 1 else BLOCKS[filled - 1]
 
 
-def _means(trace: Trace, width: int) -> list[float | None]:
-    """Return the mean temperature of each of `width` stretches of the last minute."""
+def _means(trace: Trace, width: int, span_s: float = TRACE_S) -> list[float | None]:
+    """Return the mean temperature of each of `width` stretches of the last `span_s` seconds."""
     stretches: list[list[float]] = [[] for _ in range(max(width, 1))]
     for seconds, value in zip(trace.seconds, trace.temperature_c, strict=True):
         if value is not None:
-            stretches[_place(seconds - trace.last_s, len(stretches))].append(value)
+            stretches[_place(seconds - trace.last_s, len(stretches), span_s)].append(value)
     means = [sum(values) / len(values) if values else None for values in stretches]
-    return _without_thin_gaps(means, trace)
+    return _without_thin_gaps(means, trace, span_s)
 
 
-def _place(before_s: float, width: int) -> int:
+def _place(before_s: float, width: int, span_s: float) -> int:
     """Return the stretch, of `width`, in which a row lies that came so many seconds (negative) before the newest one."""
-    return min(max(int((before_s + TRACE_S) / TRACE_S * width), 0), width - 1)
+    return min(max(int((before_s + span_s) / span_s * width), 0), width - 1)
 
 
-def _without_thin_gaps(means: list[float | None], trace: Trace) -> list[float | None]:
+def _without_thin_gaps(means: list[float | None], trace: Trace, span_s: float) -> list[float | None]:
     """Fill stretches that are blank only because they are shorter than the distance of two rows."""
-    rows = {_place(seconds - trace.last_s, len(means)) for seconds in trace.seconds}
+    rows = {_place(seconds - trace.last_s, len(means), span_s) for seconds in trace.seconds}
     first = min(rows, default=len(means))
     filled: list[float | None] = []
     for place, mean in enumerate(means):

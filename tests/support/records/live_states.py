@@ -54,6 +54,11 @@ def trace(depth: float = 0.0, gap: range = range(0), last_s: float = 100.0) -> T
     return Trace(seconds, tuple(None if number in gap else value for number, value in enumerate(values)), (100,) * 601)
 
 
+def hour() -> Trace:
+    """An hour of means, with a step in the middle."""
+    return Trace(tuple(2.5 + 5 * number for number in range(720)), (300.0,) * 360 + (350.0,) * 360, (100.0,) * 720)
+
+
 def port(number: int, condition: Condition, temperature: Reading, station: str = "dde-1", **more: object) -> PortState:
     fields: dict[str, object] = {
         "tool": "T210",
@@ -76,7 +81,7 @@ def station(name: str, *ports: PortState, **more: object) -> StationState:
 def run(folder: Path = Path("runs/20261123T060000Z-bench-3-k7qd"), phase: Phase = Phase.RECORDING) -> RunState:
     dde = station(
         "dde-1",
-        port(1, Condition.NORMAL, known(349)),
+        port(1, Condition.NORMAL, known(349), hour=hour()),
         port(2, Condition.ALARM, known(392), alarms=("T 392 °C is above the limit of 380 °C.",), joints=Joints(96, 96, 190.0)),
         settings=(
             Setting(1, "T210", "temperature_select_c", "350", "°C", "confirmed"),

@@ -20,6 +20,7 @@ from jbclog.core.errors import RecordError
 from jbclog.core.locks import commit_status
 from jbclog.live import Condition, Follower, Phase, RunState, follow
 from jbclog.live.follower import current_run
+from jbclog.live.sample_history import HOUR_S, Means
 from jbclog.live.store_follower import StoreFollower
 from jbclog.record.folder import create_run
 from jbclog.record.manifest import Manifest, write_manifest
@@ -116,6 +117,38 @@ def test_between_two_commits_no_trace_is_made_anew(recording: Recording, followe
     recording.rows(1)
     recording.commit()
     assert len(polled(follower).ports[0].trace.seconds) == len(first.seconds) + 1
+
+
+def test_the_last_hour_is_known_whenever_following_began(recording: Recording) -> None:
+    recording.rows(50, temperature_c=300, power_permille=100)
+    recording.rows(25, temperature_c=400, power_permille=200)
+    recording.rows(25, temperature_c=None, power_permille=None, quality="timeout", reasons="temperature_c=timeout")
+    recording.commit()
+    with Follower(recording.folder) as early:
+        polled(early)
+        for _ in range(3):
+            recording.rows(50, temperature_c=None, power_permille=None, quality="timeout", reasons="temperature_c=timeout")
+            recording.commit()
+            recording.seal_part()
+        recording.rows(51, temperature_c=310, power_permille=50)
+        recording.commit()
+        expected = ((300.0, 400.0, None, None, None, 310.0), (100.0, 200.0, None, None, None, 50.0))
+        for follower in (early, Follower(recording.folder)):
+            hour = whole(follower).ports[0].hour
+            assert hour.seconds == (2.5, 7.5, 12.5, 17.5, 22.5, 27.5)
+            assert (hour.temperature_c, hour.power_permille) == expected
+            follower.close()
+
+
+def test_an_hour_and_no_more() -> None:
+    means = Means()
+    for second in range(0, 2 * round(HOUR_S), 5):
+        means.add(second // 5, (350.0, 1, 100.0, 1))
+    means.add(3, (1.0, 1, 1.0, 1))  # an older row that is read late
+    trace = means.trace()
+    assert len(trace.seconds) == HOUR_S / 5 - 1
+    assert set(trace.temperature_c) == {350.0}
+    assert len(means._sums) <= 2 * HOUR_S / 5
 
 
 def test_only_what_is_committed_is_shown(recording: Recording) -> None:

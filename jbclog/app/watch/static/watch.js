@@ -3,10 +3,10 @@
 (() => {
   const SEVERITIES = ["info", "warning", "error", "critical"];
   const SILENT_MS = 5000; // without a message for so long nothing on the page is known any more
-  const TRACE_S = 60, SPAN_C = 5, DRAW_MS = 400;
+  const TRACE_S = 60, SPAN_C = 5, DRAW_MS = 400, HOUR_MS = 5000;
   const find = (id) => document.getElementById(id);
   const tiles = new Map(); // by key: elements, trace, last message
-  let last = null, heard = performance.now(), open = null, plot = null, drawn = 0;
+  let last = null, heard = performance.now(), open = null, plot = null, drawn = 0, hour = null, asked = 0;
 
   const make = (name, parent, className) => {
     const one = document.createElement(name);
@@ -175,18 +175,39 @@
   // -- a port in detail --------------------------------------------------------------------------------------------------
 
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  const data = () => { const { seconds, temperature, power } = tiles.get(open).trace; return [seconds.slice(), temperature.slice(), power.slice()]; };
+  const trace = () => (hour === null ? tiles.get(open).trace : hour);
+  const data = () => { const { seconds, temperature, power } = trace(); return [seconds.slice(), temperature.slice(), power.slice()]; };
+  const before = (seconds) => (Math.abs(seconds) < 120 ? `${seconds.toFixed(0)} s` : `${(seconds / 60).toFixed(0)} min`);
+
+  async function showSpan() { // the hour is asked for while somebody looks at it
+    const key = open, isHour = find("span").value === "hour";
+    asked = performance.now();
+    let found = null;
+    if (isHour) {
+      const answer = await fetch(`hour?port=${encodeURIComponent(key)}`).catch(() => null);
+      if (!answer || !answer.ok) return;
+      found = await answer.json();
+    }
+    if (open !== key || (find("span").value === "hour") !== isHour) return;
+    const isOther = (hour === null) !== (found === null);
+    hour = found;
+    if (isOther) plot.setData(data(), true);
+    refresh();
+  }
+  find("span").addEventListener("change", showSpan);
 
   function show(key) {
     open = key;
+    hour = null;
+    find("span").value = "minute";
     find("detail").showModal();
     const axis = { stroke: colour("--ink"), grid: { stroke: colour("--line") }, ticks: { stroke: colour("--line") } };
-    const end = () => { const { seconds } = tiles.get(open).trace; return seconds[seconds.length - 1] || 0; };
+    const end = () => { const { seconds } = trace(); return seconds[seconds.length - 1] || 0; };
     plot = new uPlot({
       width: Math.max(find("plot").clientWidth, 200), height: 280, legend: { show: false },
       scales: { x: { time: false }, power: { range: [0, 100] } },
       axes: [
-        { ...axis, values: (_, ticks) => ticks.map((tick) => `${(tick - end()).toFixed(0)} s`) },
+        { ...axis, values: (_, ticks) => ticks.map((tick) => before(tick - end())) },
         { ...axis, values: (_, ticks) => ticks.map((tick) => `${tick} °C`), size: 70 },
         { ...axis, scale: "power", side: 1, values: (_, ticks) => ticks.map((tick) => `${tick} %`), grid: { show: false }, size: 60 },
       ],
@@ -201,7 +222,7 @@
     if (place === null || place === undefined) { put(find("cursor"), ""); return; }
     const [seconds, temperature, power] = view.data, end = seconds[seconds.length - 1];
     const text = (value, unit) => (value === null || value === undefined ? "not read" : `${value} ${unit}`);
-    put(find("cursor"), `${(seconds[place] - end).toFixed(1)} s: ${text(temperature[place], "°C")}, ${text(power[place], "%")}`);
+    put(find("cursor"), `${hour === null ? `${(seconds[place] - end).toFixed(1)} s` : before(seconds[place] - end)}: ${text(temperature[place], "°C")}, ${text(power[place], "%")}`);
   }
 
   function refresh() {
@@ -212,6 +233,7 @@
     put(find("detail-state"), [port.condition.toUpperCase(), port.now, `set ${port.set}`, `power ${port.power}`, port.joints_why || port.joints, ...port.wrong].join(" · "));
     put(find("settings"), station.settings.join("\n") || "none read");
     put(find("counters"), station.counters.join("\n") || "none read");
+    if (hour !== null && performance.now() - asked > HOUR_MS) showSpan();
     const seconds = plot.data[0], { min, max } = plot.scales.x;
     const isZoomed = seconds.length > 0 && min !== null && (min > seconds[0] + 0.01 || max < seconds[seconds.length - 1] - 0.01);
     plot.setData(data(), !isZoomed);
@@ -222,7 +244,7 @@
   find("detail").addEventListener("close", () => {
     if (plot) plot.destroy();
     const tile = tiles.get(open);
-    plot = open = null;
+    plot = open = hour = null;
     put(find("cursor"), "");
     if (tile) tile.button.focus();
   });

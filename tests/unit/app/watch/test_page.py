@@ -125,6 +125,27 @@ def test_a_port_in_detail(browser: Chromium) -> None:
         opened.close()
 
 
+def test_the_last_hour_of_a_port(browser: Chromium) -> None:
+    with page(live_states.run()) as served:
+        opened = seen(browser, served)
+        opened.click("article button")
+        choose = (
+            "(() => {{ const one = document.getElementById('span'); one.value = '{}'; one.dispatchEvent(new Event('change')); }})()"
+        )
+        opened.js(choose.format("hour"))
+        opened.until("document.querySelector('#plot').dataset.points === '720'")
+        opened.js("document.getElementById('plot').focus()")
+        opened.key("ArrowLeft")
+        opened.key("ArrowLeft")
+        assert text(opened, "#cursor") == "-5 s: 350 °C, 10 %"
+        opened.js(choose.format("minute"))
+        opened.until("document.querySelector('#plot').dataset.points === '601'")
+        opened.js("document.getElementById('close').click()")
+        assert opened.js("fetch('hour?port=none').then(answer => answer.status)") == 404
+        assert [one for one in opened.said if "404" not in one] == []
+        opened.close()
+
+
 def test_the_queue_of_a_batch(browser: Chromium) -> None:
     with page(live_states.run()) as served:
         opened = seen(browser, served)

@@ -75,6 +75,20 @@ def test_keys_open_a_station_and_choose_severities() -> None:
     play(steps)
 
 
+def test_a_station_in_detail_shows_the_hour() -> None:
+    async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
+        await shown(app, pilot, live_states.run())
+        await pilot.press("enter")
+        await pilot.pause()
+        assert "-60 s" in text_of(app)
+        await pilot.press("h")
+        await pilot.pause()
+        assert "-60 min" in text_of(app)
+        assert "no reading in the last hour" in text_of(app)  # of port 2
+
+    play(steps)
+
+
 def test_a_station_in_detail_follows_the_run() -> None:
     async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
         await shown(app, pilot, live_states.run())
