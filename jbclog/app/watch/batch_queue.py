@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 from jbclog.app.batch.job_dir import JobProgress
 from jbclog.app.batch.journal import SUFFIX, parsed
@@ -28,8 +28,7 @@ LONGEST: Final = 120  # signs of why a job ended as it did; the table of `jbclog
 _build_progress: Final = builder(JobProgress)
 
 
-@dataclass(frozen=True, slots=True)
-class QueuedJob:
+class QueuedJob(NamedTuple):
     """A job: its name, its state (`State`), and what there is to say of it."""
 
     name: str

@@ -159,9 +159,14 @@ class WatchApp(App[None]):
         except JbclogError as error:
             self.call_from_thread(self._show_trouble, str(error))
         else:
-            self.call_from_thread(self.show_queues, queues)
-            if state is not None:
-                self.call_from_thread(self.show, state)
+            self.call_from_thread(self._take, state, queues)
+
+    def _take(self, state: RunState | None, queues: Sequence[BatchQueue]) -> None:
+        if not self.screen_stack[0].children:
+            return  # the app ends
+        self.show_queues(queues)
+        if state is not None:
+            self.show(state)
 
     def show(self, run: RunState) -> None:
         """Show a run."""

@@ -155,7 +155,7 @@ def _columns(lines: Sequence[Sequence[str]]) -> list[str]:
 
 def queue_lines(queues: Sequence[BatchQueue]) -> list[str]:
     """Each batch that runs: how far it has come, and its jobs as a table without heads."""
-    return [line for queue in queues for line in (queue.text, *_columns([(one.name, one.state, one.text) for one in queue.jobs]))]
+    return [line for queue in queues for line in (clean(queue.text), *_columns([tuple(map(clean, one)) for one in queue.jobs]))]
 
 
 def zone_text() -> str:

@@ -41,9 +41,11 @@ class Served:
 
 
 @contextmanager
-def page(answer: Answer, token: str | None = None, address: str = "127.0.0.1", path: Path = Path("none")) -> Iterator[Served]:
+def page(
+    answer: Answer, token: str | None = None, address: str = "127.0.0.1", path: Path = Path("none"), port: int = 0
+) -> Iterator[Served]:
     served = Served(answer)
-    with listening("127.0.0.1", 0) as opened:
+    with listening("127.0.0.1", port) as opened:
         served.port = opened.getsockname()[1]
         running = PageServer(served.source, Access(address, token), path, lambda: served.queues)
         thread = threading.Thread(target=running.run, args=([opened],), daemon=True)

@@ -3,7 +3,7 @@
 (() => {
   const SEVERITIES = ["info", "warning", "error", "critical"];
   const SILENT_MS = 5000; // without a message for so long nothing on the page is known any more
-  const TRACE_S = 60, SPAN_C = 5, DRAW_MS = 400, HOUR_MS = 5000;
+  const TRACE_S = 60, SPAN_C = 5, DRAW_MS = 400, HOUR_MS = 5000, RETRY_MS = 2000;
   const find = (id) => document.getElementById(id);
   const tiles = new Map(); // by key: elements, trace, last message
   let last = null, heard = performance.now(), open = null, plot = null, drawn = 0, hour = null, asked = 0;
@@ -263,7 +263,13 @@
     if (plot) plot.setSize({ width: Math.max(find("plot").clientWidth, 200), height: 280 });
   });
 
-  const source = new EventSource("events");
-  source.onmessage = (event) => take(JSON.parse(event.data));
+  function connect() {
+    const source = new EventSource("events");
+    source.onmessage = (event) => take(JSON.parse(event.data));
+    source.onerror = () => { // after an answer that is no stream, such as a proxy's 502, the browser itself does not try again
+      if (source.readyState === EventSource.CLOSED) setTimeout(connect, RETRY_MS);
+    };
+  }
+  connect();
   setInterval(() => { if (performance.now() - heard > SILENT_MS) lost("NO CONNECTION to jbclog watch: what is shown is old."); }, 1000);
 })();

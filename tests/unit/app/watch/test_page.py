@@ -7,6 +7,7 @@ import subprocess
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
 import axe_core_python
@@ -207,6 +208,26 @@ def test_without_messages_nothing_is_known(browser: Chromium) -> None:
     opened.until("document.title === 'NO CONNECTION – jbclog watch'")
     assert {opened.js(f"{TILE.format(number)}.dataset.condition") for number in range(6)} == {"stale"}
     assert tile(opened, 0, ".now") == "unknown (no connection; last 349 °C)"
+    opened.close()
+
+
+class ProxyWithoutServer(BaseHTTPRequestHandler):
+    """Answers as a reverse proxy does while `jbclog watch` starts again."""
+
+    def do_GET(self) -> None:
+        self.send_error(502)
+
+    def log_message(self, *_: object) -> None: ...
+
+
+def test_a_screen_that_nobody_touches_comes_back(browser: Chromium) -> None:
+    with page(live_states.run()) as served:
+        opened = seen(browser, served)
+    with HTTPServer(("127.0.0.1", served.port), ProxyWithoutServer) as proxy:
+        proxy.timeout = 10.0
+        proxy.handle_request()
+    with page(replace(live_states.run(), order="after the break"), port=served.port):
+        opened.until("document.getElementById('run').textContent.includes('after the break')")
     opened.close()
 
 

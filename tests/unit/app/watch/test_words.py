@@ -78,5 +78,6 @@ def test_a_plot_has_its_range_and_its_time() -> None:
 
 def test_foreign_text_is_one_plain_line() -> None:
     run = live_states.run()
+    assert all("\x1b" not in line and "\n" not in line for line in words.queue_lines((live_states.QUEUE,)))
     assert all("\x1b" not in line and "\n" not in line for line in map(words.event_line, run.events))
     assert "\x1b" not in "".join(line for port in run.ports for line in words.port_lines(port, 30))
