@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Iterator, Mapping
 from importlib import import_module
 from typing import Any, Final
@@ -122,12 +123,19 @@ def _main(
 ) -> None: ...
 
 
+def _note_thread_error(failed: threading.ExceptHookArgs) -> None:
+    from jbclog.cli.output import note_thread_error  # not loaded by --help; a command that has threads has loaded it
+
+    note_thread_error(failed)
+
+
 def main() -> None:
     """Run the command `jbclog`.
 
     Memory can be refused once more while a refusal is handled. Ending then needs none: no exception and no text are made.
     """
     make_usable()
+    threading.excepthook = _note_thread_error
     try:
         app()
     except MemoryError:

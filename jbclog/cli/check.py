@@ -48,8 +48,8 @@ def check(
     if not found:  # a changed record would change the verdict too
         verdict = check_verdict(run, read_manifest(run))
         found, notes = [Finding(NAME, text) for text in verdict.differing], verdict.notes
-    if read_manifest(run).state == "sealed":
-        notes += [f"not covered: {file}: {text}" for file, text in uncovered(run, head)]
+    bare = [*uncovered(run, head)] if read_manifest(run).state == "sealed" else []
+    notes += [f"not covered: {file}: {text}" for file, text in bare]
     if head is not None and digits(head) < SHOWN:
         notes.append(f"--head has {digits(head)} of 64 digits; newer reports show {SHOWN}")
     own = manifest_sha256(run)
@@ -59,7 +59,8 @@ def check(
     else:
         for text in [*notes, *map(str, found)]:
             echo(text)
-        result = f"{len(found)} finding{'s' if len(found) > 1 else ''}" if found else "no differences"
+        none = "no differences" + f" in what is covered; {len(bare)} file{'s' * (len(bare) > 1)} not covered" * bool(bare)
+        result = f"{len(found)} finding{'s' if len(found) > 1 else ''}" if found else none
         echo(f"{run}: {result} (fingerprint {short_head(own)})")
     if found:
         raise typer.Exit(1)

@@ -2,19 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any, Final
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
 WrongUsage: Any = typer.BadParameter.__bases__[0]  # typer does not export it
+MOST_ECHOED: Final = 1000  # characters of a message that repeats what was typed
+
+
+@contextmanager
+def cleaned_errors() -> Iterator[None]:
+    """Clean the message of an error that the parser of the command line raises: it repeats what was typed, or pasted."""
+    try:
+        yield
+    except WrongUsage as error:
+        from jbclog.core.text import clean, shortened  # not loaded by --help
+
+        text = shortened(clean(error.format_message()), MOST_ECHOED)
+        error.format_message = lambda: text
+        raise
 
 
 class Program(TyperGroup):
     """A program with its commands listed in `groups`: their names, and a sentence on each."""
 
     groups: Mapping[str, Mapping[str, str]]
+
+    def make_context(self, *args: Any, **more: Any) -> Any:
+        """Parse the options of the program."""
+        with cleaned_errors():
+            return super().make_context(*args, **more)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Parse the options of a command, and run it."""
+        with cleaned_errors():
+            return super().invoke(ctx)
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names without loading the commands."""

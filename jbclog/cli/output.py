@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import sys
 import textwrap
+import threading
 import warnings
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from functools import wraps
 from typing import TYPE_CHECKING, ParamSpec
 
@@ -15,7 +18,7 @@ import typer
 
 from jbclog.cli.streams import point_to_null, writes_unicode
 from jbclog.core.errors import JbclogError, Problems, unexpected_error_text
-from jbclog.core.text import clean, json_line
+from jbclog.core.text import clean, json_line, shortened
 
 if TYPE_CHECKING:
     from jbclog.analysis.runs import Runs
@@ -23,16 +26,22 @@ if TYPE_CHECKING:
 P = ParamSpec("P")
 INTERNAL_ERROR = 1
 WIDEST = 100_000  # of a table: complete in pipes and mails
+MOST_SHOWN = 10_000  # characters of a line or cell; --json has all of it
+
+
+def shown(text: str) -> str:
+    """Return a text as it is shown: on one line, without hidden characters, of bounded length."""
+    return shortened(clean(text), MOST_SHOWN)
 
 
 def echo(*lines: str) -> None:
     """Print lines of data on stdout, each on one line. Ignores a closed stdout."""
-    _echo([clean(line) for line in lines], err=False)
+    _echo([shown(line) for line in lines], err=False)
 
 
 def note(*lines: str) -> None:
     """Print lines for people on stderr; wraps them between words on a terminal."""
-    cleaned = [clean(line) for line in lines]
+    cleaned = [shown(line) for line in lines]
     _echo([wrapped(line) for line in cleaned] if is_terminal() else cleaned, err=True)
 
 
@@ -61,7 +70,7 @@ def table_lines(heads: Sequence[str], rows: Iterable[Sequence[str]], *, cut: int
     from rich.text import Text
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=bool(heads))
-    cells = [[Text(clean(cell)) for cell in row] for row in rows]
+    cells = [[Text(shown(cell)) for cell in row] for row in rows]
     for place in range(len(heads) or max(map(len, cells), default=0)):
         is_last = place == (len(heads) or len(cells[0])) - 1
         head = Text(heads[place]) if heads else ""
@@ -128,6 +137,18 @@ def reports_errors(verb: Callable[P, None]) -> Callable[P, None]:
 def _note_warning(message: Warning | str, *_: object, **__: object) -> None:
     """Print a warning as one line; Python would add its own code and print foreign text as it is."""
     note(f"warning: {message}")
+
+
+def note_thread_error(failed: threading.ExceptHookArgs) -> None:
+    """Print the error that ended a thread as one line, instead of a traceback."""
+    if os.environ.get("JBCLOG_TRACEBACK"):
+        threading.__excepthook__(failed)
+    elif failed.exc_value is not None and not isinstance(failed.exc_value, SystemExit):
+        name = "a thread" if failed.thread is None else f"the thread {failed.thread.name}"
+        is_limit = getattr(failed.exc_value, "errno", None) in (errno.EMFILE, errno.ENFILE)
+        hint = "; raise the limit of open files (`ulimit -n`)" if is_limit else " (set JBCLOG_TRACEBACK=1 to see where)"
+        with suppress(Exception):  # what cannot be written any more is not worth a traceback either
+            note(f"error: {name} ended: {unexpected_error_text(failed.exc_value)}{hint}")
 
 
 def _print_error(error: JbclogError, *, as_json: bool) -> None:

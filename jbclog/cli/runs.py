@@ -14,10 +14,12 @@ from jbclog.cli import options
 from jbclog.cli.options import NO_FOLDER, is_folder
 from jbclog.cli.output import echo_json, echo_table, note, reports_errors
 from jbclog.core.errors import UsageError
+from jbclog.core.text import shortened
 
 if TYPE_CHECKING:
     from jbclog.record.find_runs import Found, Unreadable
 
+MOST_TEXT: Final = 300  # characters of what was given at a start, which has at most 200; --json has all
 WIDEST: Final = 30  # of a column on a terminal, in characters
 HEADS: Final = ("started", "line", "recipe", "operator", "order", "product", "units", "verdict", "state", "run")
 NOTHING: Final = "-"
@@ -133,7 +135,7 @@ def cells(run: Found, unit: str | None = None) -> tuple[str, ...]:
     """Return a run as a row of the table, with the unit that was searched for."""
     started = (run.started or NOTHING)[:16].replace("T", " ")
     texts = (run.line, ", ".join(run.recipes), run.operator, run.order, run.product, several(run.units, unit), run.verdict)
-    return (started, *(text or NOTHING for text in texts), run.shown_state, str(run.folder))
+    return (started, *(shortened(text or NOTHING, MOST_TEXT) for text in texts), run.shown_state, str(run.folder))
 
 
 def several(texts: Sequence[str], sought: str | None = None) -> str:

@@ -23,12 +23,14 @@ from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, expect_answer, read_foreign
 from jbclog.core.foreign.json_reader import decoder, expect_period, expect_year
 from jbclog.core.locks import is_held
+from jbclog.core.text import shortened
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import late_serials
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.manifest import NAME, LineFile, Lost, Metadata, RecipeFile, RunState, Unit, why_changed
 from jbclog.record.schema import SCHEMA_VERSION
 
+MOST_WHY: Final = 500  # characters of why a manifest cannot be read
 RUNNING, CRASHED, SEALED = "running", "crashed", "sealed"
 ENDINGS: Final = {"success": "ended", "aborted": "cut short", "failed": "ended with error", "lost": "recovered"}
 """How a run ended, by the manifest's `exit_status`; independent of its verdict."""
@@ -230,7 +232,7 @@ def summary_of(folder: Path, wanted: Filter = ALL) -> Found | Unreadable | None:
     except FileNotFoundError:
         return Unreadable(folder, "it has no manifest: cut off at its very start, or no run; `jbclog recover` finishes it")
     except (OSError, ValueError, AttributeError, RecursionError, RecordError) as error:
-        return Unreadable(folder, f"its manifest cannot be read: {error}")
+        return Unreadable(folder, shortened(f"its manifest cannot be read: {error}", MOST_WHY))
 
 
 def _found(folder: Path, summary: _Summary, changed: str | None, sha256: str) -> Found:

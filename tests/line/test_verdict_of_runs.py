@@ -65,7 +65,7 @@ def test_what_the_computer_skipped_is_inconclusive_and_told(tmp_path: Path) -> N
     result = run(tmp_path, WORKING, ONLY_COVERAGE, stalls_s=(15.0, 25.0, 35.0), family="ucr")
     assert (result.manifest.verdict, result.exit_code) == ("INCONCLUSIVE", 1)
     (rule,) = [one for one in result.manifest.verdict_rules if one["name"] == "coverage"]
-    assert "The computer was busy and skipped 3 of them" in str(rule["text"])
+    assert "The recorder was too late for 3 of them (busy or stopped)" in str(rule["text"])
     events = open_run(result.folder).events()
     assert events[events["kind"] == "host.busy"]["value"].sum() == 3
     assert result.manifest.stations[0].skipped_by_host == 3

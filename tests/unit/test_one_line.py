@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import csv
+import errno
 import io
 import json
 import shutil
+import threading
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,6 +20,8 @@ from jbclog.cli import output
 from jbclog.cli.app import app
 from jbclog.core.text import clean, csv_text, json_line
 from jbclog.record.check import check
+from jbclog.record.manifest import read_manifest, write_manifest
+from jbclog.report.write import write_report
 from support.records.small_run import make_run
 
 ENDS = "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"
@@ -77,3 +82,68 @@ def test_a_planted_lease_makes_no_line(capfd: pytest.CaptureFixture[str]) -> Non
 
     action_log.show("dde-1\njbclog guard: all tools are safe")
     assert capfd.readouterr().err == "jbclog guard: dde-1 jbclog guard: all tools are safe\n"
+
+
+WRONG = ("runs --x{}", "{}", "runs --since={} --state {}", "trend --port={}", "--{}")
+
+
+@pytest.mark.parametrize("words", WRONG)
+def test_what_the_parser_repeats_is_cleaned_and_short(words: str) -> None:
+    hostile = "\u202e\u2028\x1b[31m" + "x" * 5000
+    said = CliRunner().invoke(app, [word.format(hostile) for word in words.split()])
+    assert said.exit_code == 2
+    assert not set(said.output) & set("\u202e\u2028\x1b")
+    assert max(map(len, said.output.splitlines())) < 11_000
+    assert len(said.output.splitlines()) <= 4
+
+
+def test_a_line_and_a_cell_have_a_most_length(capsys: pytest.CaptureFixture[str]) -> None:
+    output.echo("x" * 100_000)
+    output.note("y" * 100_000)
+    output.echo_table(["a"], [["z" * 100_000]])
+    seen = capsys.readouterr()
+    assert max(map(len, (seen.out + seen.err).splitlines())) < output.MOST_SHOWN + 50
+    assert seen.out.count("characters are left out") == 2
+
+
+def test_a_manifest_of_long_texts_is_a_line_of_some_hundred_characters(tmp_path: Path) -> None:
+    long, made = "x" * 100_000, make_run(tmp_path, 2.0)
+    manifest = read_manifest(made)
+    write_manifest(made, replace(manifest, metadata=replace(manifest.metadata, operator=long, units=[long])))
+    bad = tmp_path / f"{made.name[:-1]}b"
+    bad.mkdir()
+    (bad / "manifest.json").write_text(json.dumps({"run": "x", "state": "open", "started": long}))
+    said = CliRunner().invoke(app, ["runs", str(tmp_path)])
+    assert said.exit_code == 0
+    assert max(map(len, said.output.splitlines())) < 2500
+    assert "characters are left out" in said.output
+
+
+def test_an_error_that_ends_a_thread_is_one_line(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    def fail() -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr(threading, "excepthook", output.note_thread_error)
+    thread = threading.Thread(target=fail, name="jbclog-writer")
+    thread.start()
+    thread.join()
+    seen = capsys.readouterr().err
+    assert len(seen.splitlines()) == 1
+    assert "error: the thread jbclog-writer ended: OSError" in seen
+    assert "ulimit -n" in seen
+
+
+def test_the_last_line_of_check_does_not_contradict_the_list_above_it(tmp_path: Path) -> None:
+    made = make_run(tmp_path, 2.0)
+    assert "no differences (" in CliRunner().invoke(app, ["check", str(made)]).output
+    write_report(made)
+    facts = json.loads((made / "report.json").read_bytes())
+    del facts["vouched_in"], facts["written"]
+    (made / "report.json").write_text(json.dumps(facts))
+    (made / "annotations.jsonl").unlink()
+    said = CliRunner().invoke(app, ["check", str(made)])
+    *above, last = said.output.splitlines()
+    count = sum(line.startswith("not covered: ") for line in above)
+    assert count > 3
+    assert f"no differences in what is covered; {count} files not covered" in last
+    assert said.exit_code == 0

@@ -157,7 +157,7 @@ def _without_host(rule: Rule, facts: StationFacts, ledger: PortLedger) -> Rule:
     if missing <= (0 if due < RESOLVES and rule.observed < rule.limit else allowed):
         kept = "" if rule.observed >= rule.limit else f" One reading is {shown(100 / due)} %: within the resolution."
         return replace(rule, result=Result.PASS, text=f"{rule.text}{kept}")
-    text = f"{rule.text} The computer was busy and skipped {skipped} of them." if skipped else rule.text
+    text = f"{rule.text} The recorder was too late for {skipped} of them (busy or stopped)." if skipped else rule.text
     if missing - skipped > allowed:
         return replace(rule, result=Result.FAIL, text=text)
     if missing <= allowed:
@@ -176,7 +176,7 @@ def _gap_without_host(rule: Rule, measure: PortMeasure | None) -> Rule:
     others = None if measure is None else measure.gap_of_others_s
     if rule.result is not Result.FAIL or others is None or not isinstance(rule.limit, int | float) or others > rule.limit:
         return rule
-    text = f"{rule.text} The computer was busy and skipped readings; without these it is {shown(others)} s."
+    text = f"{rule.text} The recorder was too late for some readings (busy or stopped); without these it is {shown(others)} s."
     return replace(rule, result=Result.MISSING, text=text)
 
 

@@ -105,7 +105,8 @@ class SkippedTicks:
         return self.ticks > 0 and (now - self.last >= QUIET_S or now - self.since >= LONGEST_S)
 
     def text(self, period_s: float) -> str:
-        return f"The computer was busy: {self._what(period_s)}; less work beside the run helps."
+        why = "the computer was busy, or something stopped the recorder for a moment"
+        return f"The recorder was too late ({why}): {self._what(period_s)}; less work beside the run helps."
 
     def text_of_station(self, period_s: float) -> str:
         return f"The station was slow to answer, or did not: {self._what(period_s)}; a lower rate leaves more time."
@@ -119,6 +120,8 @@ class SkippedTicks:
 # A station that hangs makes a tick late, and so does a suspended host, which is an event of its own (docs/reference/tables.md).
 # The request distinguishes them: it says until when it may last.
 
+# A stopped process and a busy or suspended computer cannot always be told apart, so the texts name both.
+WHY_STILL: Final = "the computer was suspended or stood still, or something stopped the recorder"
 SUSPENDED_S = 5.0  # a longer standstill of the host is an event, and its ticks have no rows
 
 
@@ -319,7 +322,7 @@ class Sampler:
         self.context.facts.skipped += len(ticks)
         for begin, end in self._standstill.spans:
             count = sum(begin < self.grid.due(tick) <= end for tick in ticks)
-            text = f"The recorder stood still for {end - begin:.1f} s (suspended or stopped host); {count} ticks have no rows."
+            text = f"The recorder stood still for {end - begin:.1f} s ({WHY_STILL}); {count} ticks have no rows."
             if count:
                 self.context.note("host.suspended", Severity.ERROR, text, since=begin, value=end - begin)
 

@@ -98,7 +98,7 @@ MEANINGS: Mapping[str, str] = {
     "stations.last_tick": "number of its last tick",
     "stations.due": "readings due by port and signal, as the session counted",
     "stations.watched": "settings read again that have no column, accounted as in `ledger`",
-    "stations.skipped": "ticks without rows: the host stood still",
+    "stations.skipped": "ticks without rows: the recorder stood still",
     "stations.skipped_by_host": "rows marked `skipped` for which the host was too late",
     "stations.garbage_bytes": "bytes that belonged to no frame",
     "stations.strays": "frames that answered nothing, by kind",

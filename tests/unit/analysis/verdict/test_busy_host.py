@@ -54,7 +54,7 @@ def test_what_the_computer_skipped_is_missing_evidence_and_no_reject(case: Any, 
     seen = rule(case, "coverage", limits)
     assert seen.result is Result.MISSING
     assert seen.text == (
-        "Tip temperature coverage 99 % (594 of 600), required 99.5 %. The computer was busy and skipped 6 of them. "
+        "Tip temperature coverage 99 % (594 of 600), required 99.5 %. The recorder was too late for 6 of them (busy or stopped). "
         "Their values are not known; less load on the computer, or a lower rate, helps."
     )
     assert judge(case.evidence(), {"a": limits}).verdict is Verdict.INCONCLUSIVE
@@ -65,7 +65,7 @@ def test_what_the_link_lost_is_a_reject_whatever_the_computer_skipped(case: Any,
     case.station("a", tip(60).skip(20, 0.6).lose(30, 0.4))
     seen = rule(case, "coverage", Limits(coverage_percent=99.5))
     assert seen.result is Result.FAIL
-    assert "skipped 6 of them" in seen.text
+    assert "too late for 6 of them" in seen.text
 
 
 def test_both_together_are_missing_where_each_alone_would_be_kept(case: Any, tip: Callable[..., Any]) -> None:
@@ -86,7 +86,8 @@ def test_a_gap_that_the_computer_made_is_no_reject(case: Any, tip: Callable[...,
     seen = rule(case, "longest_gap", Limits(longest_gap_s=3))
     assert seen.result is Result.MISSING
     assert seen.text == (
-        "Longest gap in temperature 4.5 s, allowed 3 s. The computer was busy and skipped readings; without these it is 0.5 s."
+        "Longest gap in temperature 4.5 s, allowed 3 s. The recorder was too late for some readings (busy or stopped); "
+        "without these it is 0.5 s."
     )
     assert rule(case, "longest_gap", Limits(longest_gap_s=0.4)).result is Result.FAIL
     assert rule(case, "longest_gap", Limits(longest_gap_s=3), by=1).result is Result.FAIL
