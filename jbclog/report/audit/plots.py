@@ -65,7 +65,9 @@ class _Sketch:
         rectangles(self.figure, ends, "", facecolor=colour, edgecolor=outline, linewidth=edge, transform=self.pixels)
 
     def line(self, x: Sequence[float], y: Sequence[float], colour: str, width: float = 1) -> None:
-        self.figure.add_artist(Line2D(x, y, color=colour, linewidth=width, transform=self.pixels, zorder=1))  # as the areas
+        drawn = Line2D(x, y, color=colour, linewidth=width, solid_capstyle="projecting", transform=self.pixels)
+        drawn.set_zorder(1)  # as the areas
+        self.figure.add_artist(drawn)
 
     def text(self, x: float, y: float, text: str, points: float, align: str = "left") -> None:
         self.figure.text(x, y, text, fontsize=points, ha=align, color=QUIET, transform=self.pixels)

@@ -9,6 +9,7 @@ from itertools import cycle
 
 import msgspec
 import pytest
+from matplotlib import rc_context
 
 from jbclog.maintenance.due import State
 from jbclog.maintenance.fleet import FleetAudit
@@ -29,6 +30,12 @@ def words(page: str) -> str:
 @every_fleet
 def test_the_same_audit_gives_the_same_bytes(make: Callable[[], FleetAudit]) -> None:
     assert page_of(make()) == page_of(make())
+
+
+def test_what_a_user_has_set_for_figures_does_not_change_it() -> None:
+    known = page_of(fleets.trouble())
+    with rc_context({"lines.solid_capstyle": "round", "font.size": 30, "lines.antialiased": False}):
+        assert page_of(fleets.trouble()) == known
 
 
 @every_fleet
