@@ -17,7 +17,7 @@ from jbclog.maintenance.counter_totals.observed import Standing
 from jbclog.maintenance.due import State, TaskState
 from jbclog.maintenance.fleet import ABSENT, Finding, FleetAudit, Meter, StationAudit, exit_code
 from jbclog.report.audit.files import plain_audit, sheet_of
-from jbclog.report.audit.overview import STATES, DueRow, day, of_life, overview_of, percent, window
+from jbclog.report.audit.overview import STATES, DueRow, baseline, day, is_baseline, of_life, overview_of, percent, window
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,7 +33,8 @@ def lines(audit: FleetAudit) -> list[str]:
     glance = overview_of(audit)
     several = len({one.line for one in audit.stations}) > 1
     rows = [cells for row in glance.rows for cells in _rows(row, f"{row.station.line}/" if several else "")]
-    return [clean(" ".join(glance.headline[1:]).strip()), *table_lines((), rows)]
+    next_steps = baseline(audit) if is_baseline(audit) else ()
+    return [clean(" ".join(glance.headline[1:]).strip()), *next_steps, *table_lines((), rows)]
 
 
 def _rows(row: DueRow, line: str) -> Iterator[tuple[str, str, str]]:

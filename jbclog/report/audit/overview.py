@@ -6,7 +6,7 @@ last readings; without a worse one it stands between tasks that are due soon and
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from math import floor, isfinite
 from typing import Final
@@ -112,6 +112,7 @@ def listed(words: Iterable[str]) -> str:
     return " and ".join([", ".join(all_of_it[:-1]), all_of_it[-1]]) if len(all_of_it) > 1 else "".join(all_of_it)
 
 
+BASELINE: Final = ("unknown", "✓", "BASELINE RECORDED")
 NOT_SEEN: Final = ("unseen", "–", "not seen")
 WORST_FIRST: Final = (State.OVERDUE, State.DUE, State.SOON, State.UNKNOWN, State.FINE)
 FEW: Final = 3
@@ -186,10 +187,19 @@ def _reached(task: TaskState) -> float:
     return 0.0 if task.percent is None else task.percent.low
 
 
+def is_baseline(audit: FleetAudit) -> bool:
+    """Whether all stations were read, each for the first time, and nothing is due: there is nothing to compare with yet."""
+    urgent = (State.OVERDUE, State.DUE, State.SOON)
+    is_calm = not audit.wrong and not any(one.doubts or any(task.state in urgent for task in one.tasks) for one in audit.stations)
+    return bool(audit.stations) and is_calm and all(one.seen and one.audits == 1 for one in audit.stations)
+
+
 def _headline(audit: FleetAudit, counts: Sequence[tuple[str, str, str, int]]) -> tuple[str, str, str]:
     if not audit.stations:
         return ("unknown", "?", "NO STATION AUDITED")
     style, sign, word, number = counts[0]
+    if is_baseline(audit):
+        return BASELINE
     if word == "fine":
         return (style, sign, "NOTHING IS DUE")
     if word == "no task":
@@ -207,13 +217,26 @@ def _reasons(audit: FleetAudit, rows: Sequence[DueRow]) -> list[str]:
     if audit.wrong:
         found.append(f"The ledger is damaged: {counted(len(audit.wrong), 'line')} ignored")
     found += [_reason(row.station, task) for row in rows for task in row.tasks if task.state is State.SOON]
-    found += [
-        f"{place(row.station.station, task.port)}: {task.title}, {task.why or 'not known'}"
-        for row in rows
-        for task in row.tasks
-        if task.state is State.UNKNOWN
-    ]
-    return found or [_calm(audit)]
+    found += _unknown(rows)
+    return [*baseline(audit), *found] if is_baseline(audit) else found or [_calm(audit)]
+
+
+def _unknown(rows: Sequence[DueRow]) -> Iterator[str]:
+    """Yield what is not known and why, once for all stations and ports with the same reason."""
+    found: dict[str, list[str]] = {}
+    for row in rows:
+        for task in row.tasks:
+            if task.state is State.UNKNOWN:
+                found.setdefault(f"{task.title}, {task.why or 'not known'}", []).append(place(row.station.station, task.port))
+    yield from (f"{listed(places)}: {text}" for text, places in found.items())
+
+
+def baseline(audit: FleetAudit) -> Iterator[str]:
+    """Yield what a first audit did, and what to do next."""
+    yield f"First audit: {counted(len(audit.stations), 'station')} read; their use counts from here."
+    yield f"Next: audit daily. Due dates need at least {FEW + 1} audits."
+    if not any(one.tasks for one in audit.stations):
+        yield "No task is defined: --tasks names a file of tasks with their service intervals."
 
 
 def _reason(station: StationAudit, task: TaskState) -> str:

@@ -11,7 +11,8 @@ import msgspec
 import pytest
 from matplotlib import rc_context
 
-from jbclog.maintenance.due import State
+from jbclog.cli.audit_end import lines
+from jbclog.maintenance.due import State, TaskState
 from jbclog.maintenance.fleet import FleetAudit
 from jbclog.report.audit.overview import overview_of
 from jbclog.report.audit.page import page_of
@@ -19,6 +20,11 @@ from support.faults.hostile_names import HOSTILE, Acting
 from support.fleets import fleets
 
 every_fleet = pytest.mark.parametrize("make", fleets.ALL.values(), ids=fleets.ALL)
+
+
+def first(*tasks: TaskState) -> FleetAudit:
+    """One station, read for the first time."""
+    return fleets.fleet(replace(fleets.station("a", 1, tasks=tasks), audits=1))
 
 
 def words(page: str) -> str:
@@ -67,7 +73,12 @@ def test_of_what_is_not_used_up_the_soonest_stands_first() -> None:
     [
         (fleets.three, "✕ 1 OVERDUE"),
         (fleets.empty, "? NO STATION AUDITED"),
-        (fleets.first_ever, "✓ NOTHING IS DUE"),
+        (fleets.first_ever, "✓ BASELINE RECORDED"),
+        (lambda: first(fleets.unknown_task(0)), "✓ BASELINE RECORDED"),
+        (lambda: first(), "✓ BASELINE RECORDED"),
+        (lambda: first(fleets.task(0, 101)), "✕ 1 DUE"),  # by the calendar
+        (lambda: replace(first(fleets.unknown_task(0)), wrong=("line 1 was changed",)), "? 1 NOT KNOWN"),
+        (lambda: fleets.fleet(*first().stations, replace(*first().stations, station="b", seen=False)), "– 1 NOT SEEN"),
         (lambda: fleets.fleet(fleets.station("a", 1, tasks=(fleets.task(0, 85),))), "△ 1 DUE SOON"),
         (lambda: fleets.fleet(fleets.station("a", 1, tasks=(fleets.unknown_task(0),))), "? 1 NOT KNOWN"),
         (lambda: fleets.fleet(fleets.station("a", 1, tasks=())), "– NO TASK DEFINED"),
@@ -80,16 +91,34 @@ def test_the_headline_is_the_worst_that_there_is(make: Callable[[], FleetAudit],
 
 def test_a_due_range_is_a_range_and_never_one_day() -> None:
     page = words(page_of(fleets.three()))
-    assert re.search(r"83 to 84 %, 334 to 338 of 400 h 2026-12-18 to 2026-12-29", page.replace("\u00a0", " "))
+    assert re.search(r"83 to 84 %, 334 to 338 of 400 h due 2026-12-18 to 2026-12-29", page.replace("\u00a0", " "))
     far = replace(fleets.task(0, 5, pace=0.2), state=State.FINE)
     assert "or later" in words(page_of(fleets.fleet(fleets.station("a", 1, tasks=(far,)))))
 
 
 def test_the_first_audit_ever_promises_nothing() -> None:
     page = words(page_of(fleets.first_ever()))
-    assert "This is audit 1. Due dates need at least four audits." in page
+    assert "First audit: 3 stations read; their use counts from here. Next: audit daily. Due dates need at least 4 audits." in page
     assert "not enough data: 1 of 4 audits" in page
     assert "Not counted here, or not read twice yet." in page
+
+
+def test_a_first_audit_says_once_what_no_station_knows_and_what_is_not_defined() -> None:
+    unknown = replace(fleets.unknown_task(5), title="Verify the tip", why="no verification", port=None)
+    both = fleets.fleet(*(replace(fleets.station(name, 0, tasks=(unknown,)), audits=1) for name in ("a", "b")))
+    assert list(overview_of(both).reasons[2:]) == ["a and b: Verify the tip, no verification"]
+    assert "No task is defined: --tasks names a file of tasks" in words(page_of(first()))
+    (headline, did, following, *_) = lines(both)
+    assert headline == "✓ BASELINE RECORDED"
+    assert (did, following) == overview_of(both).reasons[:2]
+
+
+@every_fleet
+def test_a_phone_where_headings_are_hidden_shows_the_name_of_each_figure(make: Callable[[], FleetAudit]) -> None:
+    page = page_of(make())
+    assert re.findall(r'<td class="(?:n|used|when|wide)">(?!<small class="k">).{40}', page) == []
+    hidden, phone = page.index(".rows small.k { display: none; }"), page.index("@media screen and (max-width: 640px)")
+    assert hidden < phone < page.index(".rows small.k, .overview td.used small.k, .overview td.when small.k { display: inline;")
 
 
 def test_what_is_not_known_is_a_dash_with_its_reason_and_never_zero() -> None:
