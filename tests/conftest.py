@@ -139,7 +139,7 @@ WAITING = "serial"
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Spread the files that wait among those that compute, so that the workers do both at any time; the small ones come last."""
+    """Spread the files that wait among those that compute, so that the workers do both at any time; alike in each worker."""
     for item in items:
         if is_fast(item.path) and not any(map(item.get_closest_marker, ("campaign", "bench", "soak"))):
             item.add_marker(pytest.mark.fast)
@@ -147,7 +147,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     waiting = [path for path in files if path.parent.name == WAITING]
     computing = [path for path in files if path.parent.name != WAITING]
     place = {path: number / len(group) for group in (waiting, computing) for number, path in enumerate(group)}
-    items.sort(key=lambda item: place[item.path] * (0.8 if item.path.parent.name == WAITING else 1.0))
+    items.sort(key=lambda item: (place[item.path] * (0.8 if item.path.parent.name == WAITING else 1.0), item.path))
 
 
 COUNTED = "counted "
