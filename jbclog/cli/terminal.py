@@ -88,7 +88,8 @@ def _fitting(columns: Sequence[Column], rows: Sequence[Sequence[str]], width: in
     from rich.cells import cell_len
 
     needs = {one: gap + max(map(cell_len, (one.name, *(row[at] for row in rows)))) for at, one in enumerate(columns)}
-    first_out = sorted((one for one in columns if one.dropped is not None), key=lambda one: one.dropped or 0)
+    empty = {one for at, one in enumerate(columns) if not any(row[at] for row in rows)}  # these go before all others
+    first_out = sorted((one for one in columns if one.dropped is not None), key=lambda one: (one not in empty, one.dropped or 0))
     left = list(columns)
     while first_out and sum(needs[one] for one in left) > width:
         left.remove(first_out.pop(0))

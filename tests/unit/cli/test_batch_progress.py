@@ -18,7 +18,7 @@ from jbclog.app.batch.state import Attempt, State
 from jbclog.cli import batch_progress
 from jbclog.cli.options import Color
 from jbclog.cli.progress import event_line
-from jbclog.cli.terminal import Printer
+from jbclog.cli.terminal import Column, Printer, fitting
 from jbclog.config.jobs_file import parse_jobs
 from jbclog.core.rows import EventRow, Severity
 
@@ -81,6 +81,12 @@ def test_a_running_job_has_its_order_unit_and_coverage() -> None:
     cells = [cell.strip() for cell in re.split("│", row)[1:-1]]
     progress = "40 s of 1:30, 50 s left"
     assert cells == ["top-side", "dde-1", "88123", "SN-7", progress, "recording", "working 350 °C", "1", "99.7 %"]
+
+
+def test_a_column_without_a_cell_goes_before_all_others() -> None:
+    columns = [Column("job"), Column("order", dropped=1), Column("unit", dropped=2), Column("lost", dropped=3)]
+    assert [one.name for one in fitting(columns, [("a", "88123", "", "1")], 24)[0]] == ["job", "order", "lost"]
+    assert [one.name for one in fitting(columns, [("a", "88123", "SN-1", "1")], 24)[0]] == ["job", "unit", "lost"]
 
 
 def test_an_event_of_a_job_begins_with_its_time_as_every_line_does() -> None:
