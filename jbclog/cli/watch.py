@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 import sys
 from pathlib import Path
@@ -14,6 +15,7 @@ from jbclog.cli.output import note, reports_errors
 from jbclog.core.errors import UsageError
 
 NOT_INSTALLED: Final = "{}: `pip install 'jbclog[{}]'` installs what this view needs"
+NICENESS: Final = 10
 SHORTEST: Final = 16  # characters of a token
 
 
@@ -38,6 +40,7 @@ def watch(
     """
     if not is_folder(path):
         raise UsageError(NO_FOLDER.format(path))
+    os.nice(NICENESS)  # where the processors are busy, the recorder comes first
     if web:
         _serve(path, address, port, token)
     else:

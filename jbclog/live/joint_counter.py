@@ -1,8 +1,8 @@
 """Counts the joints of each port so far, for whoever watches: ``python -m jbclog.live.joint_counter RUN``.
 
 It finds them as the report does, in what is committed, without a lock. A joint that ended less than `ENDED_S` before its port's
-last row is not counted yet. After each count it writes a line (`joint_numbers.Counted`) and rests `REST` times as long as the count
-took, so that it takes less than 2 % of a core however long the run is. A line on stdin asks for a count now. It ends when stdin is
+last row is not counted yet. After each count it writes a line (`joint_numbers.Counted`) and rests `REST` times as long as that
+took: less than 1.5 % of a core however long the run is. A line on stdin asks for a count now. It ends when stdin is
 closed, or when the run is finalized and counted.
 """
 

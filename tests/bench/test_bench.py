@@ -17,6 +17,7 @@ NAMES = (
     "help",
     "wire_record",
     "open_run",
+    "watch",
     "many_runs",
     "audit",
     "old_ledger",

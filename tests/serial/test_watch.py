@@ -19,6 +19,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from jbclog.analysis.run import open_run
+from jbclog.cli.watch import NICENESS
 from jbclog.live import Condition, Follower, Phase, RunState
 from jbclog.record.check import check
 from jbclog.sim.process import SimProcess
@@ -186,6 +187,7 @@ def test_the_command_serves_a_page(tmp_path: Path) -> None:
         assert process.stderr is not None
         address = re.search(r"http://127\.0\.0\.1:\d+/", process.stderr.readline())
         assert address is not None
+        assert os.getpriority(os.PRIO_PROCESS, process.pid) == min(os.getpriority(os.PRIO_PROCESS, 0) + NICENESS, 19)
         with urllib.request.urlopen(address[0] + "events", timeout=WAIT_S) as events:
             line = events.readline()
             while recording.folder.name.encode() not in line:

@@ -27,7 +27,7 @@ from jbclog.live.sample_history import TRACE_S
 SEVERITIES: Final = (Severity.INFO, Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
 BLOCKS: Final = "▁▂▃▄▅▆▇█"
 SPAN_C: Final = 5.0  # the least range of a sparkline, so that noise does not look like a change
-OLD_COUNT_S: Final = 60.0  # from which on a number of joints has its age beside it
+OLD_COUNT_S: Final = 15.0  # from which on a number of joints has its age beside it
 LABEL: Final = 8  # columns of the labels of a plot
 NO_RUN: Final = "no run yet"
 WORST: Final = tuple(Condition)
