@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import sys
 import threading
 from collections.abc import Iterator, Mapping
 from importlib import import_module
@@ -17,6 +19,8 @@ from jbclog.cli.streams import make_usable
 from jbclog.core.outcome import Exit
 
 NO_MEMORY: Final = b"jbclog: memory was refused; `jbclog recover` finishes the record\n"
+
+NO_FILES: Final = b"error: too many open files for this process; raise the limit (`ulimit -n`)\n"
 
 COMMANDS: Final = {
     "Record": {
@@ -141,3 +145,8 @@ def main() -> None:
     except MemoryError:
         os.write(2, NO_MEMORY)
         os._exit(Exit.RECORD)
+    except OSError as error:
+        if error.errno not in (errno.EMFILE, errno.ENFILE):
+            raise
+        os.write(2, NO_FILES)  # what prints otherwise may not be loaded, and cannot be any more
+        sys.exit(Exit.RECORD)

@@ -123,8 +123,8 @@ def reports_errors(verb: Callable[P, None]) -> Callable[P, None]:
         except (typer.Exit, typer.Abort):
             raise
         except Exception as error:
-            if os.environ.get("JBCLOG_TRACEBACK"):
-                raise
+            if os.environ.get("JBCLOG_TRACEBACK") or _is_limit_of_files(error):
+                raise  # of files: `main` reports it
             text = f"internal error, {unexpected_error_text(error)} (set JBCLOG_TRACEBACK=1 to see where; please report it)"
             note(f"jbclog: {text}")
             if kwargs.get("as_json"):
@@ -139,13 +139,17 @@ def _note_warning(message: Warning | str, *_: object, **__: object) -> None:
     note(f"warning: {message}")
 
 
+def _is_limit_of_files(error: BaseException) -> bool:
+    return isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE)
+
+
 def note_thread_error(failed: threading.ExceptHookArgs) -> None:
     """Print the error that ended a thread as one line, instead of a traceback."""
     if os.environ.get("JBCLOG_TRACEBACK"):
         threading.__excepthook__(failed)
     elif failed.exc_value is not None and not isinstance(failed.exc_value, SystemExit):
         name = "a thread" if failed.thread is None else f"the thread {failed.thread.name}"
-        is_limit = getattr(failed.exc_value, "errno", None) in (errno.EMFILE, errno.ENFILE)
+        is_limit = _is_limit_of_files(failed.exc_value)
         hint = "; raise the limit of open files (`ulimit -n`)" if is_limit else " (set JBCLOG_TRACEBACK=1 to see where)"
         with suppress(Exception):  # what cannot be written any more is not worth a traceback either
             note(f"error: {name} ended: {unexpected_error_text(failed.exc_value)}{hint}")

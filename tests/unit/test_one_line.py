@@ -7,6 +7,8 @@ import errno
 import io
 import json
 import shutil
+import subprocess
+import sys
 import threading
 from dataclasses import replace
 from pathlib import Path
@@ -17,6 +19,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from jbclog.cli import output
+from jbclog.cli.app import NO_FILES as NO_FILES_TEXT
 from jbclog.cli.app import app
 from jbclog.core.text import clean, csv_text, json_line
 from jbclog.record.check import check
@@ -24,6 +27,7 @@ from jbclog.record.manifest import read_manifest, write_manifest
 from jbclog.report.write import write_report
 from support.records.small_run import make_run
 
+ROOT = Path(__file__).parents[2]
 ENDS = "\n\r\v\f\x1c\x1d\x1e\x85\u2028\u2029"
 HOSTILE = st.text(st.one_of(st.sampled_from(ENDS + "\x1b\x9b\u202e\u2066\u200b\ufeff\ud800\t\0"), st.characters()), max_size=60)
 
@@ -147,3 +151,21 @@ def test_the_last_line_of_check_does_not_contradict_the_list_above_it(tmp_path: 
     assert count > 3
     assert f"no differences in what is covered; {count} files not covered" in last
     assert said.exit_code == 0
+
+
+NO_FILES = """
+import resource, sys
+from jbclog.cli.app import main
+number, *words = sys.argv[1:]
+sys.argv = ["jbclog", *words]
+resource.setrlimit(resource.RLIMIT_NOFILE, (int(number), int(number)))
+main()
+"""
+
+
+@pytest.mark.parametrize(("number", "words"), [(0, ["runs", "."]), (5, ["sim", "profiles/lines/bench.toml"])])
+def test_no_more_open_files_is_one_line(number: int, words: list[str]) -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", NO_FILES, str(number), *words], capture_output=True, text=True, check=False, timeout=60, cwd=ROOT
+    )
+    assert (ended.returncode, ended.stderr) == (4, NO_FILES_TEXT.decode())
