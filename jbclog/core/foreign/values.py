@@ -20,6 +20,8 @@ def expect_values(rows: pa.Table | pa.RecordBatch, where: str) -> None:
     """
     rows.validate(full=True)
     for name, column in zip(rows.schema.names, rows.columns, strict=True):
+        if column.null_count == len(column):
+            continue  # most columns of most samples: a live store has thousands of small batches
         if pa.types.is_floating(column.type):
             least, most = -LARGEST, LARGEST
             if pc.all(pc.is_finite(column)).as_py() is False:
