@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 from datetime import datetime
 from hashlib import sha256
 from math import inf
+from typing import cast
 
 import pandas as pd
+import pyarrow as pa
+import pyarrow.compute as pc
 
 from jbclog import __version__
 from jbclog.analysis.figures.canvas import svg_text
@@ -25,6 +28,7 @@ from jbclog.core.rows import StationFacts
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.chains import short_head
 from jbclog.record.manifest import Manifest, manifest_sha256
+from jbclog.record.schema import SCHEMAS
 from jbclog.report.alarms import alarm_facts
 from jbclog.report.facts import (
     CROWD,
@@ -49,7 +53,9 @@ from jbclog.report.verdict import verdict_facts
 from jbclog.report.zoom import share
 
 MOST_ROWS = 200_000  # of several stations at once in memory
-COLUMNS = ("time", "tick", "port", "late_us", "quality", "reasons", "temperature_c", "power_permille", "status", "set_c")
+TEXTS = ("quality", "reasons", "status")
+READINGS = ("temperature_c", "power_permille", "set_c")
+COLUMNS = ("tick", "port", "late_us", "quality", "reasons", "temperature_c", "power_permille", "status", "set_c")
 
 
 def gather(run: Run, joints: Joints) -> Facts:
@@ -143,11 +149,27 @@ def _samples(run: Run) -> Iterator[tuple[StationFacts, pd.DataFrame]]:
     columns = {facts.name: _columns(facts) for facts in stations}
     if sum(map(_rows, stations)) > MOST_ROWS:
         for facts in stations:
-            yield facts, run.samples(station=facts.name, columns=columns[facts.name])
+            yield facts, _compact(run, facts.name, columns[facts.name])
         return
     every = run.samples(columns=["station", *dict.fromkeys(name for some in columns.values() for name in some)])
     for facts in stations:
         yield facts, every.loc[every["station"] == facts.name, list(columns[facts.name])].reset_index(drop=True)
+
+
+def _compact(run: Run, station: str, columns: Sequence[str]) -> pd.DataFrame:
+    """Return the samples of one station in a fifth of the memory of `Run.samples`: equal texts once, readings in 32 bits."""
+    groups = run.groups("samples", ["station", *columns])
+    own = (group.filter(pc.equal(group["station"], station)).select(columns) for group in groups)
+    none = SCHEMAS["samples"].empty_table().select(columns)
+    table = pa.concat_tables([_narrow(none), *map(_narrow, own)]).unify_dictionaries()
+    return cast(pd.DataFrame, table.to_pandas(split_blocks=True, self_destruct=True))
+
+
+def _narrow(rows: pa.Table) -> pa.Table:
+    """Return rows with dictionaries for texts, and readings (whole numbers of at most six digits) as floats, NaN for null."""
+    narrow = {name: rows[name].dictionary_encode() for name in TEXTS if name in rows.column_names}
+    narrow |= {name: rows[name].cast(pa.float32(), safe=False) for name in READINGS if name in rows.column_names}
+    return pa.table({name: narrow.get(name, rows[name]) for name in rows.column_names})
 
 
 def _rows(facts: StationFacts) -> float:
@@ -158,8 +180,9 @@ def _rows(facts: StationFacts) -> float:
 
 
 def _columns(facts: StationFacts) -> tuple[str, ...]:
-    columns = COLUMNS if "temperature_c" in judged_signals(facts) else (*COLUMNS, *STATES)
-    return (*columns, *AIR) if has_air(facts) else columns
+    """Return the columns that the report reads; on a grid of ticks the time of a row is not needed."""
+    states = () if "temperature_c" in judged_signals(facts) else STATES
+    return (*(() if facts.period_s else ("time",)), *COLUMNS, *states, *(AIR if has_air(facts) else ()))
 
 
 def _overview(overview: Overview) -> FigureFacts | None:

@@ -18,7 +18,8 @@ BROKE_OFF = "The record ends while this station was still active."
 def station_report(facts: StationFacts, number: int, samples: pd.DataFrame, context: Context) -> StationReport:
     """Return station `number` of the run, from its part of the manifest and all of its rows."""
     stem = facts.name if NAME.fullmatch(facts.name) else f"station-{number}"  # the name in a manifest can be any text
-    ports = sorted({*facts.ports, *(int(port) for port in samples["port"].unique())})
+    seen = {int(port) for port in samples["port"].unique()}
+    ports = sorted({*facts.ports, *seen})
     broke_off = context.cut_off and facts.outcome == "running"
     turnaround = facts.turnaround_us.get("median")
     return StationReport(
@@ -40,5 +41,10 @@ def station_report(facts: StationFacts, number: int, samples: pd.DataFrame, cont
         outages=facts.outages,
         skipped_ticks=facts.skipped,
         garbage_bytes=facts.garbage_bytes,
-        ports=[port_facts(facts, port, f"{stem}-{port}", samples[samples["port"] == port], context) for port in ports],
+        ports=[port_facts(facts, port, f"{stem}-{port}", _of_port(samples, port, seen), context) for port in ports],
     )
+
+
+def _of_port(samples: pd.DataFrame, port: int, seen: set[int]) -> pd.DataFrame:
+    """Return the rows of one port, without a copy where there are no others."""
+    return samples if seen == {port} else samples[samples["port"] == port]

@@ -10,9 +10,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
+Words = Sequence[str | None] | NDArray[np.object_] | pd.Categorical
+"""A word for each row, None (no category) where there is none."""
 
 
 def dates(t0_utc_us: int, seconds: ArrayLike) -> Floats:
@@ -91,26 +94,18 @@ class Span:
         return self.end - self.start
 
 
-def runs(seconds: Floats, words: Sequence[str | None] | NDArray[np.object_], period_s: float) -> list[Span]:
+def runs(seconds: Floats, words: Words, period_s: float) -> list[Span]:
     """Return runs of samples with the same word; None and a missing tick end a run. Each lasts to the tick after its last."""
-    codes, names = _coded(words)
+    coded = words if isinstance(words, pd.Categorical) else pd.Categorical(np.asarray(words, dtype=object))
+    codes, names = coded.codes, list(coded.categories)
     if not len(codes):
         return []
-    breaks = (np.diff(codes) != 0) | (np.diff(seconds) > 1.5 * period_s)
+    breaks = (codes[1:] != codes[:-1]) | (np.diff(seconds) > 1.5 * period_s)
     first = np.append(0, np.flatnonzero(breaks) + 1)
     last = np.append(first[1:], len(codes)) - 1
-    return [
-        Span(float(seconds[a]), float(seconds[b]) + period_s, names[codes[a]])
-        for a, b in zip(first, last, strict=True)
-        if codes[a] >= 0
-    ]
-
-
-def _coded(words: Sequence[str | None] | NDArray[np.object_]) -> tuple[NDArray[np.int64], list[str]]:
-    """Return a number for each word, which is fast to compare (-1 for None), and the words by number."""
-    names: dict[str, int] = {}
-    codes = [-1 if word is None else names.setdefault(word, len(names)) for word in words]
-    return np.array(codes, dtype=np.int64), list(names)
+    known = codes[first] >= 0
+    edges = zip(seconds[first[known]].tolist(), (seconds[last[known]] + period_s).tolist(), codes[first[known]], strict=True)
+    return [Span(start, end, names[code]) for start, end, code in edges]
 
 
 def missing_ticks(seconds: Floats, period_s: float, word: str = "skipped") -> list[Span]:

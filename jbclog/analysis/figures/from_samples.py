@@ -28,13 +28,11 @@ def trace(samples: pd.DataFrame, grid: Grid, *, of_states: bool = False, of_air:
 
     `of_states`: the station reports states and no temperature. `of_air`: the station is hot air.
     """
-    utc = samples["time"].to_numpy(dtype="datetime64[us]").astype(np.int64).astype(np.float64)
-    seconds = grid.seconds(_floats(samples["tick"]), utc)
+    seconds = grid.seconds(_floats(samples["tick"]), np.empty(0) if grid.period_s else _utc_us(samples["time"]))
     temperature = _floats(samples["temperature_c"])
     period_s = grid.period_s or _typical(seconds)
-    words = samples["quality"].astype(object)
-    is_read = any_state_read(samples) if of_states else ~np.isnan(temperature)
-    why = [None if there else _why(word) for there, word in zip(is_read, words, strict=True)]
+    is_read = np.array(any_state_read(samples), dtype=np.bool_) if of_states else ~np.isnan(temperature)
+    why = _texts(samples["quality"], but=is_read, ok="not due")
     skipped = missing_ticks(seconds, period_s) if grid.period_s else []
     return Trace(
         grid,
@@ -43,7 +41,7 @@ def trace(samples: pd.DataFrame, grid: Grid, *, of_states: bool = False, of_air:
         temperature,
         _floats(samples["power_permille"]),
         _floats(samples["set_c"]),
-        runs(seconds, status_words(samples) if of_air else _texts(samples["status"]), period_s),
+        runs(seconds, status_words(samples) if of_air else pd.Categorical(samples["status"]), period_s),
         sorted([*runs(seconds, why, period_s), *skipped], key=lambda span: span.start),
         states=state_lanes(samples, seconds, period_s) if of_states else {},
         air=air_of(samples, seconds, period_s) if of_air else None,
@@ -51,15 +49,15 @@ def trace(samples: pd.DataFrame, grid: Grid, *, of_states: bool = False, of_air:
     )
 
 
-def _texts(column: pd.Series[str]) -> NDArray[np.object_]:
-    """Return the texts of a column, None where there is none."""
-    texts = column.astype(object)
-    return np.asarray(texts.where(texts.notna(), None).to_numpy(), dtype=object)
+def _utc_us(times: pd.Series[pd.Timestamp]) -> Floats:
+    return np.asarray(times.to_numpy(dtype="datetime64[us]").astype(np.int64).astype(np.float64))
 
 
-def _why(quality: str) -> str:
-    """Return the reason why a row has no temperature; in a row that is ok it was not due."""
-    return "not due" if quality == "ok" else quality
+def _texts(column: pd.Series[str], *, but: NDArray[np.bool_] | None = None, ok: str = "ok") -> NDArray[np.object_]:
+    """Return the texts of a column, None where there is none and in the rows `but`; ``ok`` is called `ok`."""
+    coded = pd.Categorical(column)
+    texts = np.array([*(ok if text == "ok" else text for text in coded.categories), None], dtype=object)
+    return np.asarray(texts[coded.codes if but is None else np.where(but, -1, coded.codes)])  # code -1 is the last one
 
 
 def _typical(seconds: Floats) -> float:

@@ -21,7 +21,7 @@ BITS: Final = {I16: 16, I32: 32, I64: 64}
 SIGN: Final = 1
 DEPTH: Final = 8
 LONG_LIST: Final = 15
-KEPT, KEPT_BYTES = 16, 64 << 10  # cached footers, and the maximum size of each
+KEPT, KEPT_BYTES = 256, 64 << 10  # cached footers (a week has 168 parts a table), and the maximum size of each
 
 
 class ThriftReader:
