@@ -149,6 +149,7 @@ def test_an_hour_and_no_more() -> None:
     assert len(trace.seconds) == HOUR_S / 5 - 1
     assert set(trace.temperature_c) == {350.0}
     assert len(means._sums) <= 2 * HOUR_S / 5
+    assert means._sums[3] == [350.0, 1, 100.0, 1]
 
 
 def test_only_what_is_committed_is_shown(recording: Recording) -> None:

@@ -15,6 +15,8 @@ from jbclog.core.locks import commit_status
 from jbclog.live import Follower, RunState
 from jbclog.live.joint_counter import ENDED_S, count
 from jbclog.live.joint_numbers import ENDED, JointNumbers
+from jbclog.live.open_rows import OpenRows
+from jbclog.record.seal import seal_rows
 from support.records import sealed_run
 from support.records.live_rows import Recording
 
@@ -62,6 +64,14 @@ def test_the_numbers_are_those_of_the_record(recording: Soldering) -> None:
     final = count(recording.folder)
     assert final.is_final
     assert final.ports[0].count == len(open_run(recording.folder).joints())
+
+
+def test_rows_in_a_part_and_still_in_the_store_are_read_once(recording: Soldering) -> None:
+    """As between the completion of a part and the deletion of its batches."""
+    recording.solder(COMMIT)
+    seal_rows(recording.folder)
+    recording.solder(PART)
+    assert sum(len(rows) for rows in OpenRows(recording.folder, None).groups("samples", ["tick"])) == PART
 
 
 def test_nothing_that_is_not_committed_is_counted(recording: Soldering) -> None:
