@@ -24,7 +24,7 @@ from jbclog.live.states import RunState
 from jbclog.record.folder import RUN_NAME
 from jbclog.record.manifest import NAME as MANIFEST
 
-EVERY_S: Final = 0.4  # a commit comes each 0.8 s
+EVERY_S: Final = 0.5  # a commit comes each 0.8 s, and nobody reads more than two states a second
 COMMITS_S: Final = 10.0  # since its last commit a run counts as being recorded
 MOST_RUNS: Final = 20  # the newest ones, among which a recorded one is searched for
 
