@@ -67,11 +67,12 @@ def uncovered(folder: Path, head: str | None) -> Iterator[tuple[str, str]]:
     report, said = _report(folder), _annotations(folder)[0]
     if report is None:
         return
+    anew = f"`jbclog report {folder}` makes the report anew"
     if said.report is None:
-        yield REPORT, f"not vouched for: no line of {ANNOTATIONS} has its hash; `jbclog report {folder}` writes one that has"
+        yield REPORT, f"not vouched for: no line of {ANNOTATIONS} has its hash; {anew} and adds the line"
     if not report.get("written"):
         for name in _of_report(folder):
-            yield name, f"not vouched for: {REPORT} has no hash of it; `jbclog report {folder}` writes one that has"
+            yield name, f"not vouched for: {REPORT} has no hash of it; {anew}, with its hashes"
 
 
 def _lease(folder: Path, manifest: Manifest) -> Iterator[tuple[str, str]]:
