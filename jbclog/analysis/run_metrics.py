@@ -18,14 +18,12 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.analysis.joints.joints import find_joints
 from jbclog.analysis.joints.parameters import JointOptions, options_of
 from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, Key, PortReader, at_once
 from jbclog.analysis.joints.port_rows import CYCLES, Clock, cycles_of, kind_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import Wire
-from jbclog.analysis.joints.sweeps import PortSweeps
 from jbclog.analysis.metrics.definitions import DEFINITIONS
 from jbclog.analysis.metrics.measures import Measured, PortMeasuring, measure_port
 from jbclog.analysis.run_tables import RunTables, frame, stations_of
@@ -119,31 +117,10 @@ def joints_and_metrics(run: RunTables) -> tuple[pa.Table, list[dict[str, object]
     return _concatenated(joints), metrics, parameters
 
 
-def joint_count(run: RunTables, ended_s: float | None = None) -> int:
-    """Return the number of joints in `joints_table`; with `ended_s`, of those that ended that many s before the port's last row."""
-    count = 0
-    stations = [facts for facts in stations_of(run) if kind_of(facts) == "tip"]
-    for some in at_once([facts for facts in stations if not has_feeder(facts)], lambda facts: len(facts.ports), MOST_PORTS):
-        reader = _reader(run, some)
-        ports = {(facts.name, port): PortSweeps(_parameters(run, facts)) for facts in some for port in facts.ports}
-        reader.sweep(ports)
-        count += sum(_ended(one.found.joints, reader.last_s(key), ended_s) for key, one in ports.items())
-    for facts in filter(has_feeder, stations):
-        for _, series, _, _ in _whole_ports(run, facts):
-            last_s = float(series.seconds[-1]) if len(series.seconds) else 0.0
-            count += _ended(find_joints(series, _parameters(run, facts)).joints, last_s, ended_s)
-    return count
-
-
 def definitions() -> pd.DataFrame:
     """Return what each metric means: `metric`, `unit`, `definition`, `applies_to`."""
     rows = [(one.name, one.unit, one.text, ", ".join(one.of)) for one in DEFINITIONS]
     return pd.DataFrame(rows, columns=["metric", "unit", "definition", "applies_to"])
-
-
-def _ended(joints: Sequence[Joint], last_s: float, ended_s: float | None) -> int:
-    latest = inf if ended_s is None else last_s - ended_s
-    return sum(joint.end_s <= latest for joint in joints)
 
 
 def _parameters(run: RunTables, facts: StationFacts) -> JointOptions:

@@ -1,9 +1,9 @@
-"""Counts the joints of each port so far, for whoever watches: ``python -m jbclog.live.joint_counter RUN``.
+"""Counts the joints of each port so far, for whoever follows a run or wants it to end: ``python -m jbclog.live.joint_counter RUN``.
 
 It finds them as the report does, in what is committed, without a lock. A joint that ended less than `ENDED_S` before its port's
 last row is not counted yet. After each count it writes a line (`joint_numbers.Counted`) and rests `REST` times as long as that
-took: less than 1.5 % of a core however long the run is. A line on stdin asks for a count now. It ends when stdin is
-closed, or when the run is finalized and counted.
+took: less than 1.5 % of a core however long the run is. A line on stdin asks for a count now: `NOW`, or `LAST` when all rows are
+committed. It ends after that count, when the run is finalized and counted, and when stdin is closed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.core.locks import commit_status
 from jbclog.core.rows import StationFacts
 from jbclog.core.text import json_line
-from jbclog.live.joint_numbers import Counted, PortCount
+from jbclog.live.joint_numbers import LAST, OF_TIPS_ONLY, Counted, PortCount
 from jbclog.live.open_rows import OpenRows
 from jbclog.live.run_follower import stations_of
 from jbclog.live.store_follower import Sealed
@@ -39,7 +39,6 @@ REST: Final = 80
 TRIES: Final = 5
 NICENESS: Final = 19
 STDIN: Final = 0
-OF_TIPS_ONLY: Final = "not supported"
 
 
 def main(arguments: list[str]) -> int:
@@ -56,25 +55,25 @@ def main(arguments: list[str]) -> int:
 
 
 def _count_until_final(folder: Path) -> None:
-    counted, through, is_asked = Counted(), -1, False
+    counted, through, asked = Counted(), -1, b""
     while not counted.is_final:
         began, last, pause = time.process_time(), commit_status(folder).last, LEAST_PAUSE_S
-        if last != through or is_asked:
-            counted, through, is_asked = count(folder), last, False
+        if last != through or asked:
+            counted, through, asked = count(folder, is_last=LAST in asked), last, b""
             _write(counted)
             pause = max(LEAST_PAUSE_S, REST * (time.process_time() - began))
         if select.select([STDIN], [], [], 0.0 if counted.is_final else pause)[0]:
-            if not os.read(STDIN, 1):
+            asked = os.read(STDIN, 1 << 16)
+            if not asked:
                 return
-            is_asked = True
 
 
-def count(folder: Path) -> Counted:
-    """Count the joints of all ports now. Raises RecordError."""
+def count(folder: Path, *, is_last: bool = False) -> Counted:
+    """Count the joints of all ports now. `is_last`: all rows are committed. Raises RecordError."""
     for _ in range(TRIES):
         began, rows = time.monotonic(), OpenRows(folder, commit_status(folder).last or None)
         manifest = read_manifest(folder)
-        is_final = manifest.state == RunState.SEALED
+        is_final = is_last or manifest.state == RunState.SEALED
         stations = stations_of(folder, manifest)
         try:
             found = ports_found(folder, rows.groups, stations, manifest.t0_utc)

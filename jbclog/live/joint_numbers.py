@@ -1,13 +1,16 @@
 """The number of joints of each port so far, counted by a process beside whoever watches.
 
-Finding joints takes scipy and more computing time than following a run, so `joint_counter` does it, at the lowest priority.
+Finding joints takes scipy and more computing time than recording or following a run, so `joint_counter` does it, at the lowest
+priority.
 """
 
 from __future__ import annotations
 
 import os
+import select
 import subprocess
 import sys
+import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,6 +24,9 @@ from jbclog.live.states import NOT_COUNTED, Joints
 
 KILL_S: Final = 0.5
 ENDED: Final = "the process that counts them ended"
+OF_TIPS_ONLY: Final = "not supported"
+NOW: Final = b"now\n"
+LAST: Final = b"last\n"
 
 Key = tuple[str, int]
 
@@ -49,16 +55,16 @@ class Counted:
 _build_counted: Final = builder(Counted)
 
 
-class JointNumbers:
-    """The process that counts the joints of the run in `folder`. `look` never waits; `close` ends it."""
+class JointCounting:
+    """The process that counts the joints of the run in `folder`; `close` ends it.
 
-    def __init__(self, folder: Path, clock: Clock) -> None:
-        self._clock = clock
-        self._counted: Counted | None = None
-        self._heard_at = 0.0
-        self._why = NOT_COUNTED.why
+    `latest` is its newest count. `why` is the reason why there will be no more, None while there may be.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.latest: Counted | None = None
+        self.why: str | None = None
         self._rest = b""
-        self._asked_at_end = False
         self._process: subprocess.Popen[bytes] | None = None
         try:
             self._process = subprocess.Popen(
@@ -66,31 +72,36 @@ class JointNumbers:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
-                start_new_session=True,  # Ctrl-C is for whoever watches
+                start_new_session=True,  # Ctrl-C is for whoever started it
                 bufsize=0,
             )
             assert self._process.stdout is not None
             os.set_blocking(self._process.stdout.fileno(), False)
         except OSError as error:
-            self._why = f"cannot be counted: {error.strerror or error}"
+            self.why = error.strerror or str(error)
 
-    def look(self, *, has_ended: bool) -> Mapping[Key, Joints]:
-        """Return the latest numbers. `has_ended`: the run is finalized, so that a last count can be made."""
+    def poll(self) -> bool:
+        """Read what the process wrote; return whether there is a new count. Never waits."""
+        before = self.latest
         for line in self._lines():
             self._take(line)
-        if has_ended and not self._asked_at_end and self._process is not None and self._process.stdin is not None:
-            self._asked_at_end = True
-            with suppress(OSError):
-                self._process.stdin.write(b"\n")
-        if self._counted is None:
-            return {}
-        age_s = None if self._counted.is_final else self._counted.age_s + self._clock.monotonic() - self._heard_at
-        return {(one.station, one.port): Joints(one.count, one.found, age_s, one.why) for one in self._counted.ports}
+        return self.latest is not before
 
-    @property
-    def not_counted(self) -> Joints:
-        """What holds for a port that the latest numbers lack."""
-        return Joints(why=self._why)
+    def ask(self, what: bytes) -> None:
+        """Ask for a count: `NOW`, or `LAST`."""
+        if self._process is not None and self._process.stdin is not None:
+            with suppress(OSError):  # that it has ended is seen when it is read
+                self._process.stdin.write(what)
+
+    def last(self, most_s: float) -> Counted | None:
+        """Return the count of a run whose rows are all committed; waits `most_s` at most. None: `why`."""
+        self.ask(LAST)
+        end = time.monotonic() + most_s
+        while self.why is None and not self._is_final:
+            if not self._wait(end - time.monotonic()):
+                self.why = f"it took more than {most_s:g} s"
+            self.poll()
+        return self.latest if self._is_final else None
 
     def close(self) -> None:
         process, self._process = self._process, None
@@ -103,15 +114,24 @@ class JointNumbers:
             if stream is not None:
                 stream.close()
 
+    @property
+    def _is_final(self) -> bool:
+        return self.latest is not None and self.latest.is_final
+
+    def _wait(self, most_s: float) -> bool:
+        if self._process is None or self._process.stdout is None:
+            return True
+        return bool(select.select([self._process.stdout], [], [], max(most_s, 0.0))[0])
+
     def _take(self, line: bytes) -> None:
         try:
             counted = _build_counted(json_of(line.decode()))
         except (ValueError, RecordError):
             return
         if counted.trouble is not None:
-            self._why = counted.trouble
-            return
-        self._counted, self._heard_at = counted, self._clock.monotonic()
+            self.why = counted.trouble
+        else:
+            self.latest = counted
 
     def _lines(self) -> list[bytes]:
         if self._process is None or self._process.stdout is None:
@@ -123,9 +143,40 @@ class JointNumbers:
             except BlockingIOError:
                 break
             if not piece:
-                self._why = ENDED if self._why == NOT_COUNTED.why else self._why
+                self.why = self.why or ENDED
                 self.close()
                 break
             data += piece
         *lines, self._rest = (self._rest + data).split(b"\n")
         return lines
+
+
+class JointNumbers:
+    """The joints of the run in `folder`, for whoever shows them. `look` never waits; `close` ends the process that counts."""
+
+    def __init__(self, folder: Path, clock: Clock) -> None:
+        self._clock = clock
+        self._counting = JointCounting(folder)
+        self._counted_at = 0.0
+        self._asked_at_end = False
+
+    def look(self, *, has_ended: bool) -> Mapping[Key, Joints]:
+        """Return the latest numbers. `has_ended`: the run is finalized, so that a last count can be made."""
+        if self._counting.poll():
+            self._counted_at = self._clock.monotonic()
+        if has_ended and not self._asked_at_end:
+            self._asked_at_end = True
+            self._counting.ask(LAST)
+        counted = self._counting.latest
+        if counted is None:
+            return {}
+        age_s = None if counted.is_final else counted.age_s + self._clock.monotonic() - self._counted_at
+        return {(one.station, one.port): Joints(one.count, one.found, age_s, one.why) for one in counted.ports}
+
+    @property
+    def not_counted(self) -> Joints:
+        """What holds for a port that the latest numbers lack."""
+        return NOT_COUNTED if self._counting.why is None else Joints(why=f"cannot be counted: {self._counting.why}")
+
+    def close(self) -> None:
+        self._counting.close()

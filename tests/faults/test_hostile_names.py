@@ -381,7 +381,6 @@ def test_a_folder_for_runs_may_be_a_link_that_the_user_made(tmp_path: Path) -> N
 PRINTS = {
     "cli/output.py": "cleans",
     "cli/app.py": "the version",
-    "app/run/joint_counter.py": "a child's, whose words become an event's, which are cleaned where they are shown",
     "live/joint_counter.py": "a child's, JSON through a pipe to whoever watches, who cleans what is shown",
     "record/seal.py": "a child's, told to its parent through a pipe and printed by it",
     "sim/__main__.py": "a child's, whose sentences are cleaned where they are made",

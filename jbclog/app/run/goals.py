@@ -1,103 +1,36 @@
 """Ends a run when it has recorded the requested number of units or joints.
 
-The feed of serials (`unit_feed`) counts units. A process beside the recorder (`joint_counter`) counts joints of all stations in
-the recorded data, as `Run.joints` does afterwards. If the joints cannot be counted, they end no run. The run ends at the first
+The feed of serials (`unit_feed`) counts units. A process beside the recorder (`live/joint_counter`) counts joints of all stations
+in the recorded data, as `Run.joints` does afterwards. If the joints cannot be counted, they end no run. The run ends at the first
 number reached, some seconds after the last joint. The manifest has the joints counted once more in the whole sealed record.
 """
 
 from __future__ import annotations
 
-import os
-import select
-import subprocess
-import sys
+import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
+from math import inf
 from pathlib import Path
 from typing import Final
 
 from jbclog.app.run.unit_feed import UnitFeed
 from jbclog.core.rows import JOINTS, NOT_COUNTED, UNITS, Goal, Severity
+from jbclog.live.joint_numbers import NOW, OF_TIPS_ONLY, Counted, JointCounting
 
-LOOK_EVERY_S: Final = 1.0
 LAST_COUNT_S: Final = 120.0
-KILL_S: Final = 0.5
+LEAST_PAUSE_S, MOST_PAUSE_S = 1.0, 60.0
+LEAST_JOINT_S: Final = 0.5
+REST: Final = 9
 
 Note = Callable[[str, str, Severity, float | None], None]
 """Kind, text, severity, value."""
 
 
-class Uncounted(Exception):
-    """The joints cannot be counted."""
-
-
-class JointCount:
-    """The process that counts the joints of the run in `folder`. Raises `Uncounted` if it cannot start or has ended."""
-
-    def __init__(self, folder: Path, wanted: int) -> None:
-        command = [sys.executable, "-P", "-m", "jbclog.app.run.joint_counter", str(folder), str(wanted)]
-        try:
-            self._process = subprocess.Popen(
-                command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                start_new_session=True,  # after Ctrl-C the run still needs its last count
-                bufsize=0,
-            )
-        except OSError as error:
-            raise Uncounted(str(error)) from error
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        self._asking, self._answers = self._process.stdin, self._process.stdout.fileno()
-        os.set_blocking(self._answers, False)
-        self._rest = b""
-
-    def look(self) -> int | None:
-        """Return the latest count, None if there is no new one. Never waits. Raises `Uncounted`."""
-        counts = [self._number(line) for line in self._lines()]
-        return counts[-1] if counts else None
-
-    def last(self) -> int:
-        """Return the joints in the sealed record; waits `LAST_COUNT_S` at most. Raises `Uncounted`."""
-        try:
-            self._asking.write(b"\n")
-            while True:
-                if not select.select([self._answers], [], [], LAST_COUNT_S)[0]:
-                    raise Uncounted(f"it took more than {LAST_COUNT_S:g} s")
-                for line in self._lines():
-                    if line.startswith("="):
-                        return self._number(line.removeprefix("="))
-                    self._number(line)
-        except OSError as error:
-            raise Uncounted(error.strerror or str(error)) from error
-        finally:
-            self.close()
-
-    def close(self) -> None:
-        self._process.kill()
-        with suppress(subprocess.TimeoutExpired):
-            self._process.wait(KILL_S)
-        for stream in (self._process.stdin, self._process.stdout):
-            if stream is not None:
-                stream.close()
-
-    def _lines(self) -> list[str]:
-        try:
-            data = os.read(self._answers, 4096)
-        except BlockingIOError:
-            return []
-        if not data:
-            raise Uncounted("the process that counts them ended")
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        return [line.decode(errors="replace") for line in lines]
-
-    @staticmethod
-    def _number(line: str) -> int:
-        if line.startswith("!"):
-            raise Uncounted(line.removeprefix("!").strip())
-        return int(line)
+def pause_s(missing: int, ports: int, took_s: float) -> float:
+    """Return how long to wait until all missing joints can have been made, and at least `REST` times as long as a count took."""
+    soonest = LEAST_JOINT_S * missing / max(ports, 1)
+    return max(min(max(soonest, LEAST_PAUSE_S), MOST_PAUSE_S), REST * took_s)
 
 
 class Goals:
@@ -109,26 +42,19 @@ class Goals:
         self._note = note
         self._end = end
         self._units = units
-        self._counter: JointCount | None = None
+        self._counting: JointCounting | None = None
         self._joints: int | None = None
+        self._ask_at = inf
 
     def begin(self, folder: Path) -> None:
         """Start to count. Call it when the record has begun."""
-        for goal in self._goals:
-            if goal.what == JOINTS:
-                try:
-                    self._counter = JointCount(folder, goal.wanted)
-                except Uncounted as why:
-                    self._cannot_count(why)
+        if any(goal.what == JOINTS for goal in self._goals):
+            self._counting = JointCounting(folder)
 
     def look(self) -> None:
         """Check the goals. Call it about once a second; never waits."""
-        try:
-            found = None if self._counter is None else self._counter.look()
-        except Uncounted as why:
-            self._cannot_count(why)
-        else:
-            self._joints = self._joints if found is None else found
+        if self._counting is not None:
+            self._look_at_joints(self._counting)
         if not self.is_met:
             self._end_when_met()
 
@@ -146,9 +72,20 @@ class Goals:
 
     def close(self) -> None:
         """Stop counting."""
-        if self._counter is not None:
-            self._counter.close()
-            self._counter = None
+        if self._counting is not None:
+            self._counting.close()
+            self._counting = None
+
+    def _look_at_joints(self, counting: JointCounting) -> None:
+        if counting.poll() and counting.latest is not None:
+            self._joints, ports = _joints_in(counting.latest), len(counting.latest.ports)
+            missing = max(goal.wanted - self._joints for goal in self._goals if goal.what == JOINTS)
+            self._ask_at = time.monotonic() + pause_s(missing, ports, counting.latest.age_s)
+        if counting.why is not None:
+            self._cannot_count(counting.why)
+        elif time.monotonic() >= self._ask_at:
+            self._ask_at = inf
+            counting.ask(NOW)
 
     @property
     def _finished(self) -> int:
@@ -164,7 +101,7 @@ class Goals:
                 self._end(text)
                 return
 
-    def _cannot_count(self, why: Uncounted) -> None:
+    def _cannot_count(self, why: str) -> None:
         self.close()
         text = f"The joints of this run cannot be counted any more ({why}); it will not be ended by their number."
         self._note("run.uncounted", text, Severity.WARNING, self._joints)
@@ -176,15 +113,24 @@ class Goals:
         return replace(goal, reached=self._finished, text=text)
 
     def _joints_reached(self, goal: Goal) -> Goal:
-        if self._counter is None:
+        if self._counting is None:
             return replace(goal, text=NOT_COUNTED)
-        try:
-            count = self._counter.last()
-        except Uncounted as why:
+        counted, why = self._counting.last(LAST_COUNT_S), self._counting.why
+        self.close()
+        if counted is None:
             return replace(goal, text=f"How many joints there are could not be counted: {why}.")
-        finally:
-            self._counter = None
-        return replace(goal, reached=count, text=f"{_count_text(goal, count)}.")
+        return replace(goal, reached=_joints_in(counted), text=f"{_count_text(goal, _joints_in(counted))}{_not_known(counted)}.")
+
+
+def _joints_in(counted: Counted) -> int:
+    """Return how many joints were found; where those of a port are not known there may be more."""
+    return sum(port.found for port in counted.ports)
+
+
+def _not_known(counted: Counted) -> str:
+    """Name the ports whose joints are not known."""
+    ports = [f"{port.station} port {port.port} ({port.why})" for port in counted.ports if port.why not in (None, OF_TIPS_ONLY)]
+    return f"; not known: {', '.join(ports)}" if ports else ""
 
 
 def _count_text(goal: Goal, count: int, *, so_far: bool = False) -> str:

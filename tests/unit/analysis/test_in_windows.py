@@ -15,7 +15,7 @@ from jbclog.analysis.joints.port_reader import raw_series
 from jbclog.analysis.joints.port_rows import COLUMNS, Clock, kind_of
 from jbclog.analysis.joints.windows import Windows, placed
 from jbclog.analysis.metrics.measures import PortFigures, measure_port
-from jbclog.analysis.run_metrics import joint_count, joints_and_metrics
+from jbclog.analysis.run_metrics import joints_and_metrics
 from support.records.long_run import LongRun
 from support.records.made_series import line, made, rest, steps
 
@@ -86,12 +86,6 @@ def test_a_joint_has_the_time_of_the_row_next_to_it(monkeypatch: pytest.MonkeyPa
     for name in ("start", "end"):
         place = np.searchsorted(seconds, joints[f"{name}_s"].to_numpy() - 1e-5)
         assert (joints[name].cast("int64").to_numpy() == np.concatenate(rows)[place]).all()
-
-
-def test_the_count_during_a_run_is_made_row_group_by_row_group() -> None:
-    run = LongRun(1500.0, 10.0)
-    assert joint_count(run) == joints_and_metrics(run)[0].num_rows
-    assert joint_count(run, 600.0) < joint_count(run)
 
 
 def memory(run: LongRun) -> tuple[float, int, float]:

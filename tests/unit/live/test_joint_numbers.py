@@ -10,11 +10,12 @@ import pytest
 
 from jbclog.analysis.joints.evidence import NOTHING_RECORDED
 from jbclog.analysis.run import open_run
+from jbclog.analysis.run_metrics import joints_and_metrics
 from jbclog.core.clock import SystemClock
 from jbclog.core.locks import commit_status
 from jbclog.live import Follower, RunState
 from jbclog.live.joint_counter import ENDED_S, count
-from jbclog.live.joint_numbers import ENDED, JointNumbers
+from jbclog.live.joint_numbers import ENDED, JointCounting, JointNumbers
 from jbclog.live.open_rows import OpenRows
 from jbclog.record.seal import seal_rows
 from support.records import sealed_run
@@ -111,7 +112,7 @@ def test_a_follower_has_them_from_a_process_that_ends_with_it(recording: Solderi
         assert follower._run is not None
         numbers = follower._run._joints
     assert numbers is not None
-    assert numbers._process is None
+    assert numbers._counting._process is None
 
 
 def test_without_being_asked_nothing_is_counted(recording: Soldering) -> None:
@@ -126,9 +127,42 @@ def test_without_being_asked_nothing_is_counted(recording: Soldering) -> None:
 
 def test_a_killed_process_leaves_numbers_not_known(recording: Soldering) -> None:
     numbers = JointNumbers(recording.folder, SystemClock())
-    assert numbers._process is not None
-    numbers._process.kill()
-    numbers._process.wait()
+    process = numbers._counting._process
+    assert process is not None
+    process.kill()
+    process.wait()
     assert numbers.look(has_ended=False) == {}
-    assert numbers.not_counted.why == ENDED
+    assert numbers.not_counted.why == f"cannot be counted: {ENDED}"
     numbers.close()
+
+
+def test_a_recorder_gets_the_last_count_before_its_run_is_finalized(recording: Soldering) -> None:
+    """As for a run that ends with a number of joints: it is in the manifest, so the manifest cannot be final yet."""
+    recording.solder(ROWS)
+    counting = JointCounting(recording.folder)
+    last = counting.last(WAIT_S)
+    counting.close()
+    assert last is not None
+    assert last.is_final
+    assert last.ports[0].count == len(open_run(recording.folder).joints())
+
+
+def test_the_process_says_why_it_cannot_count(tmp_path: Path) -> None:
+    counting = JointCounting(tmp_path)
+    assert counting.last(WAIT_S) is None
+    assert "no manifest" in str(counting.why)
+    counting.close()
+
+
+def test_a_count_that_never_comes_is_not_waited_for(recording: Soldering) -> None:
+    counting = JointCounting(recording.folder)
+    assert counting.last(0.0) is None
+    assert counting.why == "it took more than 0 s"
+    counting.close()
+
+
+def test_feeds_are_evidence_during_a_run_too() -> None:
+    """The recorded example with a feeder."""
+    run = open_run(next((Path(__file__).parents[3] / "notebooks" / "data" / "joints").glob("2*")))
+    assert any(row["wire_decides"] for row in joints_and_metrics(run)[2])
+    assert sum(port.found for port in count(run.folder).ports) == len(run.joints())

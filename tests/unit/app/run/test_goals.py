@@ -10,13 +10,13 @@ from pathlib import Path
 import pytest
 
 from jbclog.app.run import goals as goals_of_a_run
-from jbclog.app.run.goals import Goals, JointCount, Uncounted
-from jbclog.app.run.joint_counter import LEAST_PAUSE_S, MOST_PAUSE_S, pause_s
+from jbclog.app.run.goals import LAST_COUNT_S, LEAST_PAUSE_S, MOST_PAUSE_S, Goals, pause_s
 from jbclog.app.run.plan import Metadata, RunOptions, make_plan
 from jbclog.app.run.unit_feed import LOOK_EVERY_S, UnitFeed
 from jbclog.core.errors import Problems
 from jbclog.core.outcome import Exit, exit_code, findings
 from jbclog.core.rows import Goal, Severity
+from jbclog.live.joint_numbers import NOW, Counted, JointCounting, PortCount
 from jbclog.transport.typed_lines import LineSource
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
@@ -121,48 +121,69 @@ def test_a_serial_that_comes_back_finishes_the_unit_before_it_only_where_it_is_a
 # -- joints ---------------------------------------------------------------------------------------------------------------------
 
 
-class Counting:
-    """In the place of the process that counts."""
+class Counting(JointCounting):
+    """In the place of the process that counts: at each look the next of `counts`, or the reason why there is none."""
 
-    def __init__(self, *counts: int | Uncounted | None) -> None:
-        self.counts = [*counts]
+    def __init__(self, *counts: int | str | None) -> None:
+        self.latest, self.why = None, None
+        self.counts, self.asked = [*counts], 0
 
-    def __call__(self, _folder: Path, _wanted: int) -> Counting:
+    def __call__(self, _folder: Path) -> Counting:
         return self
 
-    def look(self) -> int | None:
-        return self._next()
+    def poll(self) -> bool:
+        said = self.counts.pop(0)
+        if isinstance(said, str):
+            self.why = said
+        elif said is not None:
+            self.latest = Counted(0.0, (PortCount("b", 1, None, 1, UNSURE), PortCount("b", 2, said - 1, said - 1, None)))
+        return isinstance(said, int)
 
-    def last(self) -> int:
-        return self._next() or 0
+    def ask(self, what: bytes) -> None:
+        assert what == NOW
+        self.asked += 1
+
+    def last(self, most_s: float) -> Counted | None:
+        assert most_s == LAST_COUNT_S
+        return self.latest if self.poll() else None
 
     def close(self) -> None: ...
 
-    def _next(self) -> int | None:
-        said = self.counts.pop(0)
-        if isinstance(said, Uncounted):
-            raise said
-        return said
+
+UNSURE = "heat model not plausible"
 
 
-def counted(monkeypatch: pytest.MonkeyPatch, *counts: int | Uncounted | None) -> tuple[Goals, Told]:
-    told = Told()
+def counted(monkeypatch: pytest.MonkeyPatch, *counts: int | str | None) -> tuple[Goals, Told, Counting]:
+    told, counting = Told(), Counting(*counts)
     goals = Goals([Goal("joints", 5)], told.tell, told.ends.append, None)
-    monkeypatch.setattr(goals_of_a_run, "JointCount", Counting(*counts))
+    monkeypatch.setattr(goals_of_a_run, "JointCounting", counting)
     goals.begin(Path())
-    return goals, told
+    return goals, told, counting
 
 
 def test_a_run_ends_once_when_enough_joints_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    goals, told = counted(monkeypatch, 3, None, 6, 7, 7)
+    goals, told, _ = counted(monkeypatch, 3, None, 6, 7, 7)
     for _ in range(4):
         goals.look()
     assert told.ends == ["Joints found so far (provisional): 6, wanted: 5"]
-    assert goals.reached() == [Goal("joints", 5, 7, "Joints found: 7, wanted: 5.")]
+    text = f"Joints found: 7, wanted: 5; not known: b port 1 ({UNSURE})."
+    assert goals.reached() == [Goal("joints", 5, 7, text)]
+
+
+def test_a_count_is_asked_for_when_the_missing_joints_can_have_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = {"now": 100.0}
+    monkeypatch.setattr(goals_of_a_run.time, "monotonic", lambda: clock["now"])
+    goals, _, counting = counted(monkeypatch, 3, *[None] * 5)
+    asked = []
+    for _ in range(5):
+        goals.look()
+        asked.append(counting.asked)
+        clock["now"] += 0.6
+    assert asked == [0, 0, 1, 1, 1]  # once, `LEAST_PAUSE_S` after the count
 
 
 def test_what_cannot_be_counted_ends_no_run_and_is_told_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    goals, told = counted(monkeypatch, 3, Uncounted("no memory"))
+    goals, told, _ = counted(monkeypatch, 3, "no memory")
     for _ in range(4):
         goals.look()
     assert (told.ends, told.kinds) == ([], ["run.uncounted"])
@@ -172,15 +193,9 @@ def test_what_cannot_be_counted_ends_no_run_and_is_told_once(monkeypatch: pytest
 
 
 def test_joints_that_cannot_be_counted_at_the_end_are_not_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    goals, _ = counted(monkeypatch, Uncounted("it took too long"))
+    goals, _, _ = counted(monkeypatch, "it took too long")
     (goal,) = goals.reached()
     assert (goal.reached, goal.is_met, "it took too long" in goal.text) == (None, False, True)
-
-
-@pytest.mark.campaign
-def test_the_process_says_why_it_cannot_count(tmp_path: Path) -> None:
-    with pytest.raises(Uncounted, match="no manifest"):
-        JointCount(tmp_path, 5).last()
 
 
 def test_who_counts_rests_longer_than_it_works_and_while_nothing_can_have_come() -> None:
