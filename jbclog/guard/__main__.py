@@ -70,7 +70,7 @@ def _close_lease(left: Sequence[StationLease], lease_writer: LeaseWriter, action
     """Close the lease except for what is left. If a line of the action log is lost, the whole lease stays open."""
     if not action_log.is_torn:
         lease_writer.put(left)
-        lease_writer.settle(WRITE_S)
+    lease_writer.settle(WRITE_S)  # also of a lease that stays open: a take-over may be faster than the disk
     if not left:
         action_log.tidy()
 

@@ -17,6 +17,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.core.errors import RecordError
+from jbclog.guard import __main__ as guard_itself
 from jbclog.guard import lease as leases
 from jbclog.guard.action_log import LEAST_BYTES, LINE_BYTES, ActionLog
 from jbclog.guard.lease import LOCK, NAME, NEW, StationLease, guard_lock, read_leases, registered_runs, write_leases
@@ -190,6 +191,18 @@ def test_a_disk_that_hangs_keeps_nobody(tmp_path: Path, monkeypatch: pytest.Monk
     lease_writer.settle(5.0)
     assert written[-1] == ["e"]  # the newest, whatever came between
     assert len(written) <= 2
+
+
+def test_a_lease_that_stays_open_is_on_the_disk_before_the_guard_ends(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A take-over may be faster than the disk; a lease stays open where a line of the action log is lost."""
+    really = leases.write_leases
+    monkeypatch.setattr(leases, "write_leases", lambda *asked: time.sleep(0.3) or really(*asked))
+    action_log = ActionLog(tmp_path)
+    lease_writer = LeaseWriter(tmp_path, action_log)
+    lease_writer.put([lease("a")])
+    action_log.is_torn = True
+    guard_itself._close_lease([], lease_writer, action_log)
+    assert [one.name for one in read_leases(tmp_path)] == ["a"]
 
 
 def test_a_disk_that_is_full_is_no_reason_to_stop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
