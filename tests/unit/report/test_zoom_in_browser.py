@@ -280,10 +280,8 @@ def test_beyond_the_share_of_a_port_readings_stand_around_the_alarm_and_extremes
 
 
 def test_without_scripts_the_static_figures_stand(browser: Chromium, run: Path) -> None:
-    page = browser.page(1200, 900)
-    page.ask("Emulation.setScriptExecutionDisabled", value=True)
-    page.ask("Page.navigate", url=(run / "report.html").resolve().as_uri())
-    page.until("document.readyState === 'complete'")
+    page = browser.page(1200, 900, java_script_enabled=False)
+    page.open(run / "report.html")
     assert page.js("document.querySelectorAll('.zoom-bar').length") == 0
     there = "Array.from(document.querySelectorAll('figure img.wide')).filter((one) => one.complete && one.clientHeight > 100)"
     assert page.js(f"{there}.length") == page.js("document.querySelectorAll('figure').length") > 0
