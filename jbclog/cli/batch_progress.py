@@ -170,7 +170,8 @@ COLUMNS: Final = (
     Column("now"),
     Column("tools", dropped=1),
     Column("alarms", is_number=True),
-    Column("coverage", is_number=True, dropped=5),
+    Column("coverage", is_number=True, dropped=6),
+    Column("lost", is_number=True, dropped=5),
 )
 
 
@@ -276,7 +277,14 @@ class Screen(Lines):
         away = f"; disconnected: {', '.join(now.away)}" if now.away else ""
         asked = self._asked[job.name]
         progress = asked.order or "", now.unit or "", so_far(asked, now), now.doing + away, tools(now)
-        return job.name, stations, *progress, str(now.alarms or ""), coverage_text(now.due, now.obtained)
+        return (
+            job.name,
+            stations,
+            *progress,
+            str(now.alarms or ""),
+            coverage_text(now.due, now.obtained),
+            str(now.due - now.obtained or ""),
+        )
 
 
 def title(state: BatchState, following: Next) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import select
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from math import floor
 from pathlib import Path
@@ -16,7 +16,10 @@ from jbclog.app.run.unit_feed import unit_after
 from jbclog.cli.options import Color
 from jbclog.cli.output import is_terminal
 from jbclog.cli.terminal import Column, Printer, fitting_table, moment, span_of, started_live
+from jbclog.core.clock import SystemClock
 from jbclog.core.rows import JOINTS, EventRow, Goal, Severity
+from jbclog.live.joint_numbers import OF_TIPS_ONLY, JointNumbers, Key
+from jbclog.live.states import Joints
 from jbclog.session.run.context import PortState, SessionContext
 
 if TYPE_CHECKING:
@@ -35,10 +38,11 @@ COLUMNS: Final = (
     Column("station"),
     Column("port"),
     Column("now", is_number=True),
-    Column("set", is_number=True, dropped=2),
+    Column("set", is_number=True, dropped=3),
     Column("status"),
     Column("alarms", is_number=True),
-    Column("coverage", is_number=True, dropped=3),
+    Column("joints", is_number=True, dropped=2),
+    Column("coverage", is_number=True, dropped=4),
     Column("lost", is_number=True, dropped=1),
 )
 UNSAFE, SAFE = "safety.not_safe", "safety.safe_state"
@@ -93,7 +97,7 @@ class Lines:
 
 
 class Screen(Lines):
-    """Live table for a terminal, with the events above it."""
+    """Live table for a terminal, with the events above it. A process beside the run counts the joints (`live.joint_numbers`)."""
 
     def __init__(self, printer: Printer, duration_s: float | None, known: Metadata | None) -> None:
         super().__init__(printer)
@@ -102,9 +106,11 @@ class Screen(Lines):
         self._unit = known.units[0] if known and len(known.units) == 1 else None
         self._began = time.monotonic()
         self._live: Live | None = None
+        self._joints: JointNumbers | None = None
 
     def begun(self, folder: Path) -> None:
         self._printer.print(f"recording into {folder}; Ctrl-C ends the run and makes the tools safe")
+        self._joints = JointNumbers(folder, SystemClock())
         self._live = started_live(self._printer.console)
 
     def happened(self, event: EventRow) -> None:
@@ -119,9 +125,13 @@ class Screen(Lines):
         if self._live is not None:
             self._live.stop()
             self._live = None
+        if self._joints is not None:
+            self._joints.close()
+            self._joints = None
 
     def _table(self, contexts: list[SessionContext], goals: Sequence[Goal]) -> Group:
-        rows = [cells for context in contexts for cells in _cells(context)]
+        joints = {} if self._joints is None else self._joints.look(has_ended=False)
+        rows = [cells for context in contexts for cells in _cells(context, joints)]
         title = [span_of(time.monotonic() - self._began, self._duration_s), *map(goal_text, goals)]
         title += [f"{name} {text}" for name, text in (("order", self._order), ("unit", self._unit)) if text]
         return fitting_table(" · ".join(title), COLUMNS, rows, self._printer.console.width)
@@ -141,23 +151,40 @@ def coverage_text(due: int, obtained: int) -> str:
     return f"{floor(1000 * obtained / due) / 10:.1f} %"
 
 
-def _cells(context: SessionContext) -> Iterator[tuple[str, ...]]:
+def _cells(context: SessionContext, joints: Mapping[Key, Joints]) -> Iterator[tuple[str, ...]]:
     """Return a row for each port of a recorded station; one row for a station that is not recorded.
 
-    Alarms are counted per station, and stand in its first row. Lost are readings that were due and not obtained.
+    Alarms are counted per station, and stand in its first row. Lost are readings that were due and not obtained. Joints are those
+    that had ended some seconds ago; nothing stands there before the first count.
     """
     alarms = str(context.facts.alarms or "")
     if context.facts.outcome != RUNNING or not context.ports:
         ports = ", ".join(map(str, context.ports))
-        yield context.name, ports, "", "", "starting" if context.facts.outcome == RUNNING else context.facts.outcome, alarms, "", ""
+        yield (
+            context.name,
+            ports,
+            "",
+            "",
+            "starting" if context.facts.outcome == RUNNING else context.facts.outcome,
+            alarms,
+            *[""] * 3,
+        )
         return
     for port in context.ports.values():
         setting = context.set_c(port)
         wanted = "" if setting is None else f"{setting:g} °C"
         due, obtained = context.count_readings(port.number)
         counts = coverage_text(due, obtained), str(due - obtained or "")
-        yield context.name, str(port.number), _tip(context, port), wanted, _status(context, port), alarms, *counts
+        found = joints_text(joints.get((context.name, port.number)))
+        yield context.name, str(port.number), _tip(context, port), wanted, _status(context, port), alarms, found, *counts
         alarms = ""
+
+
+def joints_text(joints: Joints | None) -> str:
+    """Return how many joints a port has so far; nothing for a tool that makes none, and before the first count."""
+    if joints is None or joints.why == OF_TIPS_ONLY:
+        return ""
+    return "unknown" if joints.count is None else str(joints.count)
 
 
 def _tip(context: SessionContext, port: PortState) -> str:

@@ -17,9 +17,11 @@ from jbclog.record.folder import create_run
 from jbclog.record.live import LiveStore
 from jbclog.record.manifest import LineFile, Manifest, Metadata, iso, write_manifest
 from jbclog.record.seal import seal_rows
+from support.records import sealed_run
 
 PERIOD_S = 0.1
 NAME = "dde-1"
+SOLDERED_ROWS = 1500
 
 
 def now_us() -> int:
@@ -96,6 +98,19 @@ class Recording:
         """End what this process holds, so that no thread and no file outlives the test."""
         self.store.close()
         self.store.release()
+
+
+class Soldering(Recording):
+    """Port 1 solders a joint each five seconds; port 2 has no rows."""
+
+    def solder(self, through: int) -> None:
+        columns = sealed_run.samples(SOLDERED_ROWS)
+        temperature, power = columns["temperature_c"].astype(int).tolist(), columns["power_permille"].astype(int).tolist()
+        for tick in range(self.tick, through):
+            time_us = self.began_us + tick * 100_000
+            self.store.sample(self.row(1, time_us, temperature_c=temperature[tick], power_permille=power[tick]))
+            self.tick += 1
+        self.commit()
 
 
 def main(arguments: Iterable[str]) -> None:

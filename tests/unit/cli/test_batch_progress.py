@@ -74,13 +74,13 @@ def test_a_running_job_has_its_order_unit_and_coverage() -> None:
     screen = batch_progress.Screen.__new__(batch_progress.Screen)
     batch_progress.Lines.__init__(screen, shift(now), Printer(Color.NEVER))
     screen._asked = {job.name: job for job in screen._batch.plan.file.jobs}
-    screen._printer.console = Console(file=text, width=140)
+    screen._printer.console = Console(file=text, width=150)
     following = SimpleNamespace(wait=[])
     screen._printer.console.print(screen._table(screen._batch.state, following))  # type: ignore[arg-type]
     (row,) = (line for line in text.getvalue().splitlines() if "top-side" in line)
     cells = [cell.strip() for cell in re.split("│", row)[1:-1]]
     progress = "40 s of 1:30, 50 s left"
-    assert cells == ["top-side", "dde-1", "88123", "SN-7", progress, "recording", "working 350 °C", "1", "99.7 %"]
+    assert cells == ["top-side", "dde-1", "88123", "SN-7", progress, "recording", "working 350 °C", "1", "99.7 %", "3"]
 
 
 def test_a_column_without_a_cell_goes_before_all_others() -> None:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import io
 import re
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from rich.cells import cell_len
@@ -19,8 +20,12 @@ from jbclog.config.load_recipe import parse_recipe
 from jbclog.core.clock import SystemClock, UtcOffset
 from jbclog.core.rows import JOINTS, UNITS, EventRow, Goal, NoJournal, Severity
 from jbclog.core.serial_line import LineFormat
+from jbclog.live.joint_counter import count
+from jbclog.live.joint_numbers import OF_TIPS_ONLY
+from jbclog.live.states import Joints
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run.context import PortState, ReadingCount, SessionContext, StationTask
+from support.records.live_rows import Soldering
 
 RECIPE = parse_recipe('[recipe]\nname = "job"\nrevision = 1\nfamilies = ["dde"]\n')
 
@@ -35,6 +40,13 @@ def context(name: str = "dde-1", outcome: str = "running") -> SessionContext:
     found.connected, found.facts.outcome, found.facts.alarms = True, outcome, 2
     found.count_readings = lambda port: ReadingCount(2000, 1999) if port == 1 else ReadingCount(0, 0)
     return found
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Iterator[Soldering]:
+    made = Soldering(tmp_path)
+    yield made
+    made.abandon()
 
 
 @pytest.fixture
@@ -62,9 +74,26 @@ def rows(screen: progress.Screen, *contexts: SessionContext) -> list[list[str]]:
 
 def test_what_is_known_and_what_is_not(screen: progress.Screen) -> None:
     assert rows(screen, context()) == [
-        ["dde-1", "1", "349 °C", "350 °C", "working", "2", "99.9 %", "1"],  # never rounded up to all of them
-        ["dde-1", "2", "unknown", "", "unknown", "", "unknown", ""],  # alarms are the station's, shown once
+        ["dde-1", "1", "349 °C", "350 °C", "working", "2", "", "99.9 %", "1"],  # never rounded up to all of them
+        ["dde-1", "2", "unknown", "", "unknown", "", "", "unknown", ""],  # alarms are the station's, shown once
     ]
+
+
+def test_joints_so_far(screen: progress.Screen, recording: Soldering) -> None:
+    """Counted in the record of the run, by a process that ends with the table."""
+    recording.solder(500)
+    screen.begun(recording.folder)
+    assert [row[6] for row in rows(screen, context())] == ["", ""]  # before the first count: not 0
+    end = time.monotonic() + 60.0
+    while not (found := [row[6] for row in rows(screen, context())])[0]:
+        assert time.monotonic() < end
+        time.sleep(0.1)
+    assert found == [str(count(recording.folder).ports[0].count), "unknown"]  # nothing is recorded of port 2
+    assert progress.joints_text(Joints(why=OF_TIPS_ONLY)) == ""
+    process = screen._joints._counting._process if screen._joints is not None else None
+    screen.close()
+    assert process is not None
+    assert process.returncode is not None
 
 
 def test_the_title_has_time_goals_order_and_the_unit_on_the_bench(screen: progress.Screen) -> None:
@@ -83,9 +112,18 @@ def test_the_title_has_time_goals_order_and_the_unit_on_the_bench(screen: progre
 
 
 @pytest.mark.parametrize(
-    ("width", "gone"), [(200, set()), (82, set()), (80, {"lost"}), (70, {"lost", "set"}), (60, {"lost", "set", "coverage"})]
+    ("width", "gone"),
+    [
+        (200, set()),
+        (91, set()),
+        (84, {"lost"}),
+        (76, {"lost", "joints"}),
+        (70, {"lost", "joints", "set"}),
+        (60, {"lost", "joints", "set", "coverage"}),
+    ],
 )
 def test_a_narrow_terminal_shows_fewer_columns_and_cuts_none(screen: progress.Screen, width: int, gone: set[str]) -> None:
+    screen._joints = SimpleNamespace(look=lambda **_: {("dde-workplace-12", 1): Joints(12)})  # type: ignore[assignment]
     lines = drawn(screen, context("dde-workplace-12"), width=width)
     (heads,) = (line for line in lines if "station" in line)
     assert {column.name for column in progress.COLUMNS} - set(heads.replace("┃", " ").split()) == gone
@@ -113,12 +151,12 @@ def test_an_omega_shows_its_states_in_its_own_words(screen: progress.Screen) -> 
     omega, family = context(), FAMILIES["omega"]
     omega.family, omega.facts.alarms = family, 0
     omega.ports = {1: PortState(1, states={"solder_shortage": ("normal", 1.0), "preparing": ("ready", 1.0)})}
-    assert rows(screen, omega) == [["dde-1", "1", "", "", "normal, ready", "", "99.9 %", "1"]]
+    assert rows(screen, omega) == [["dde-1", "1", "", "", "normal, ready", "", "", "99.9 %", "1"]]
 
 
 @pytest.mark.parametrize("outcome", ["refused", "gone", "stopped", "failed", "completed"])
 def test_a_station_that_has_ended_shows_how(screen: progress.Screen, outcome: str) -> None:
-    assert rows(screen, context(outcome=outcome)) == [["dde-1", "1, 2", "", "", outcome, "2", "", ""]]
+    assert rows(screen, context(outcome=outcome)) == [["dde-1", "1, 2", "", "", outcome, "2", "", "", ""]]
 
 
 def test_a_station_that_is_away(screen: progress.Screen) -> None:

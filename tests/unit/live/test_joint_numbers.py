@@ -18,24 +18,11 @@ from jbclog.live.joint_counter import ENDED_S, count
 from jbclog.live.joint_numbers import ENDED, JointCounting, JointNumbers
 from jbclog.live.open_rows import OpenRows
 from jbclog.record.seal import seal_rows
-from support.records import sealed_run
-from support.records.live_rows import Recording
+from support.records.live_rows import SOLDERED_ROWS as ROWS
+from support.records.live_rows import Soldering
 
 WAIT_S = 30.0
-ROWS, PART, COMMIT = 1500, 600, 500
-
-
-class Soldering(Recording):
-    """Port 1 solders a joint each five seconds; port 2 has no rows."""
-
-    def solder(self, through: int) -> None:
-        columns = sealed_run.samples(ROWS)
-        temperature, power = columns["temperature_c"].astype(int).tolist(), columns["power_permille"].astype(int).tolist()
-        for tick in range(self.tick, through):
-            time_us = self.began_us + tick * 100_000
-            self.store.sample(self.row(1, time_us, temperature_c=temperature[tick], power_permille=power[tick]))
-            self.tick += 1
-        self.commit()
+PART, COMMIT = 600, 500
 
 
 @pytest.fixture
