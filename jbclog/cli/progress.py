@@ -18,8 +18,6 @@ from jbclog.cli.output import is_terminal
 from jbclog.cli.terminal import Column, Printer, fitting_table, moment, span_of, started_live
 from jbclog.core.clock import SystemClock
 from jbclog.core.rows import JOINTS, EventRow, Goal, Severity
-from jbclog.live.joint_numbers import OF_TIPS_ONLY, JointNumbers, Key
-from jbclog.live.states import Joints
 from jbclog.session.run.context import PortState, SessionContext
 
 if TYPE_CHECKING:
@@ -27,6 +25,8 @@ if TYPE_CHECKING:
     from rich.live import Live
 
     from jbclog.app.run.plan import Metadata
+    from jbclog.live.joint_numbers import JointNumbers, Key
+    from jbclog.live.states import Joints
 
 SHOWN = (Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
 RUNNING = "running"  # the outcome of a station that has none yet
@@ -110,6 +110,8 @@ class Screen(Lines):
 
     def begun(self, folder: Path) -> None:
         self._printer.print(f"recording into {folder}; Ctrl-C ends the run and makes the tools safe")
+        from jbclog.live.joint_numbers import JointNumbers
+
         self._joints = JointNumbers(folder, SystemClock())
         self._live = started_live(self._printer.console)
 
@@ -182,7 +184,7 @@ def _cells(context: SessionContext, joints: Mapping[Key, Joints]) -> Iterator[tu
 
 def joints_text(joints: Joints | None) -> str:
     """Return how many joints a port has so far; nothing for a tool that makes none, and before the first count."""
-    if joints is None or joints.why == OF_TIPS_ONLY:
+    if joints is None or not joints.is_supported:
         return ""
     return "unknown" if joints.count is None else str(joints.count)
 

@@ -27,9 +27,10 @@ from jbclog.core.errors import RecordError, unexpected_error_text
 from jbclog.core.locks import commit_status
 from jbclog.core.rows import StationFacts
 from jbclog.core.text import json_line
-from jbclog.live.joint_numbers import LAST, OF_TIPS_ONLY, Counted, PortCount
+from jbclog.live.joint_numbers import LAST, Counted, PortCount
 from jbclog.live.open_rows import OpenRows
 from jbclog.live.run_follower import stations_of
+from jbclog.live.states import OF_TIPS_ONLY
 from jbclog.live.store_follower import Sealed
 from jbclog.record.manifest import RunState, read_manifest
 

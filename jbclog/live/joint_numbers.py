@@ -20,11 +20,10 @@ from typing import Final
 from jbclog.core.clock import Clock
 from jbclog.core.errors import RecordError
 from jbclog.core.foreign.json_reader import builder, json_of
-from jbclog.live.states import NOT_COUNTED, Joints
+from jbclog.live.states import NOT_COUNTED, OF_TIPS_ONLY, Joints
 
 KILL_S: Final = 0.5
 ENDED: Final = "the process that counts them ended"
-OF_TIPS_ONLY: Final = "not supported"
 NOW: Final = b"now\n"
 LAST: Final = b"last\n"
 
@@ -50,6 +49,16 @@ class Counted:
     ports: tuple[PortCount, ...] = ()
     is_final: bool = False
     trouble: str | None = None
+
+    @property
+    def found(self) -> int:
+        """How many joints were found on all ports; where those of a port are not known there may be more."""
+        return sum(port.found for port in self.ports)
+
+    @property
+    def not_known(self) -> list[PortCount]:
+        """The ports whose joints are not known."""
+        return [port for port in self.ports if port.why not in (None, OF_TIPS_ONLY)]
 
 
 _build_counted: Final = builder(Counted)
@@ -87,15 +96,15 @@ class JointCounting:
             self._take(line)
         return self.latest is not before
 
-    def ask(self, what: bytes) -> None:
-        """Ask for a count: `NOW`, or `LAST`."""
+    def ask(self, *, is_last: bool = False) -> None:
+        """Ask for a count now. `is_last`: all rows are committed."""
         if self._process is not None and self._process.stdin is not None:
             with suppress(OSError):  # that it has ended is seen when it is read
-                self._process.stdin.write(what)
+                self._process.stdin.write(LAST if is_last else NOW)
 
     def last(self, most_s: float) -> Counted | None:
         """Return the count of a run whose rows are all committed; waits `most_s` at most. None: `why`."""
-        self.ask(LAST)
+        self.ask(is_last=True)
         end = time.monotonic() + most_s
         while self.why is None and not self._is_final:
             if not self._wait(end - time.monotonic()):
@@ -166,7 +175,7 @@ class JointNumbers:
             self._counted_at = self._clock.monotonic()
         if has_ended and not self._asked_at_end:
             self._asked_at_end = True
-            self._counting.ask(LAST)
+            self._counting.ask(is_last=True)
         counted = self._counting.latest
         if counted is None:
             return {}

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
+from typing import Final
 
 from jbclog.core.rows import EventRow
 
@@ -80,7 +81,13 @@ class Joints:
     age_s: float | None = None
     why: str | None = None
 
+    @property
+    def is_supported(self) -> bool:
+        """Whether this tool can make joints: only a tip does."""
+        return self.why != OF_TIPS_ONLY
 
+
+OF_TIPS_ONLY: Final = "not supported"
 NOT_COUNTED = Joints(why="not counted yet")
 
 

@@ -12,11 +12,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import inf
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from jbclog.app.run.unit_feed import UnitFeed
 from jbclog.core.rows import JOINTS, NOT_COUNTED, UNITS, Goal, Severity
-from jbclog.live.joint_numbers import NOW, OF_TIPS_ONLY, Counted, JointCounting
+
+if TYPE_CHECKING:
+    from jbclog.live.joint_numbers import Counted, JointCounting
 
 LAST_COUNT_S: Final = 120.0
 LEAST_PAUSE_S, MOST_PAUSE_S = 1.0, 60.0
@@ -49,6 +51,8 @@ class Goals:
     def begin(self, folder: Path) -> None:
         """Start to count. Call it when the record has begun."""
         if any(goal.what == JOINTS for goal in self._goals):
+            from jbclog.live.joint_numbers import JointCounting  # only where it is wanted: it takes a while to load
+
             self._counting = JointCounting(folder)
 
     def look(self) -> None:
@@ -78,14 +82,14 @@ class Goals:
 
     def _look_at_joints(self, counting: JointCounting) -> None:
         if counting.poll() and counting.latest is not None:
-            self._joints, ports = _joints_in(counting.latest), len(counting.latest.ports)
+            self._joints, ports = counting.latest.found, len(counting.latest.ports)
             missing = max(goal.wanted - self._joints for goal in self._goals if goal.what == JOINTS)
             self._ask_at = time.monotonic() + pause_s(missing, ports, counting.latest.age_s)
         if counting.why is not None:
             self._cannot_count(counting.why)
         elif time.monotonic() >= self._ask_at:
             self._ask_at = inf
-            counting.ask(NOW)
+            counting.ask()
 
     @property
     def _finished(self) -> int:
@@ -119,17 +123,12 @@ class Goals:
         self.close()
         if counted is None:
             return replace(goal, text=f"How many joints there are could not be counted: {why}.")
-        return replace(goal, reached=_joints_in(counted), text=f"{_count_text(goal, _joints_in(counted))}{_not_known(counted)}.")
-
-
-def _joints_in(counted: Counted) -> int:
-    """Return how many joints were found; where those of a port are not known there may be more."""
-    return sum(port.found for port in counted.ports)
+        return replace(goal, reached=counted.found, text=f"{_count_text(goal, counted.found)}{_not_known(counted)}.")
 
 
 def _not_known(counted: Counted) -> str:
     """Name the ports whose joints are not known."""
-    ports = [f"{port.station} port {port.port} ({port.why})" for port in counted.ports if port.why not in (None, OF_TIPS_ONLY)]
+    ports = [f"{port.station} port {port.port} ({port.why})" for port in counted.not_known]
     return f"; not known: {', '.join(ports)}" if ports else ""
 
 

@@ -21,8 +21,7 @@ from jbclog.core.clock import SystemClock, UtcOffset
 from jbclog.core.rows import JOINTS, UNITS, EventRow, Goal, NoJournal, Severity
 from jbclog.core.serial_line import LineFormat
 from jbclog.live.joint_counter import count
-from jbclog.live.joint_numbers import OF_TIPS_ONLY
-from jbclog.live.states import Joints
+from jbclog.live.states import OF_TIPS_ONLY, Joints
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run.context import PortState, ReadingCount, SessionContext, StationTask
 from support.records.live_rows import Soldering

@@ -16,7 +16,7 @@ from jbclog.app.run.unit_feed import LOOK_EVERY_S, UnitFeed
 from jbclog.core.errors import Problems
 from jbclog.core.outcome import Exit, exit_code, findings
 from jbclog.core.rows import Goal, Severity
-from jbclog.live.joint_numbers import NOW, Counted, JointCounting, PortCount
+from jbclog.live.joint_numbers import Counted, JointCounting, PortCount
 from jbclog.transport.typed_lines import LineSource
 from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
@@ -139,8 +139,8 @@ class Counting(JointCounting):
             self.latest = Counted(0.0, (PortCount("b", 1, None, 1, UNSURE), PortCount("b", 2, said - 1, said - 1, None)))
         return isinstance(said, int)
 
-    def ask(self, what: bytes) -> None:
-        assert what == NOW
+    def ask(self, *, is_last: bool = False) -> None:
+        assert not is_last
         self.asked += 1
 
     def last(self, most_s: float) -> Counted | None:
@@ -156,7 +156,7 @@ UNSURE = "heat model not plausible"
 def counted(monkeypatch: pytest.MonkeyPatch, *counts: int | str | None) -> tuple[Goals, Told, Counting]:
     told, counting = Told(), Counting(*counts)
     goals = Goals([Goal("joints", 5)], told.tell, told.ends.append, None)
-    monkeypatch.setattr(goals_of_a_run, "JointCounting", counting)
+    monkeypatch.setattr("jbclog.live.joint_numbers.JointCounting", counting)
     goals.begin(Path())
     return goals, told, counting
 
