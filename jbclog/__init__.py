@@ -8,8 +8,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from jbclog.analysis.run import Run, open_run
-    from jbclog.analysis.runs import Runs, open_runs
+    from jbclog.analysis.opening import open_run, open_runs
+    from jbclog.analysis.run import Run
+    from jbclog.analysis.runs import Runs
     from jbclog.core.errors import JbclogError, LinkError, RecordError, UsageError
 
 __version__ = "0.1.0"
@@ -21,8 +22,8 @@ _HOMES = {
     "Run": "jbclog.analysis.run",
     "Runs": "jbclog.analysis.runs",
     "UsageError": "jbclog.core.errors",
-    "open_run": "jbclog.analysis.run",
-    "open_runs": "jbclog.analysis.runs",
+    "open_run": "jbclog.analysis.opening",
+    "open_runs": "jbclog.analysis.opening",
 }
 """Public names and the modules that define them."""
 

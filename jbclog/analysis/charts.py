@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from jbclog.analysis import spc
 from jbclog.analysis.alarms import Detector, Episode
-from jbclog.analysis.run import Run, open_run
+from jbclog.analysis.run import Run
 from jbclog.analysis.runs import Runs
 from jbclog.analysis.spc.refusal import there_are
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA
@@ -274,7 +274,7 @@ def alarms_in_run(run: Run, every_s: float) -> Counted:
 def alarms_in_runs(runs: Runs) -> Counted:
     """Return the u chart of alarms by our samples, per run over its hours."""
     names, counts, sizes = [], [], []
-    for one, (span, episodes) in runs.each(lambda one: _counted_in(open_run(one.folder))):
+    for one, (span, episodes) in runs.each(lambda one: _counted_in(runs.open(one))):
         if span is not None:
             names.append(one.folder.name)
             counts.append(float(episodes))
@@ -316,7 +316,7 @@ def ranked_losses(source: Run | Runs) -> Ranked:
 def _added(source: Run | Runs, count: Callable[[Run], Counter[str]]) -> Counter[str]:
     if isinstance(source, Run):
         return count(source)
-    return sum((counts for _, counts in source.each(lambda one: count(open_run(one.folder)))), Counter())
+    return sum((counts for _, counts in source.each(lambda one: count(source.open(one)))), Counter())
 
 
 def _alarm_counts(run: Run) -> Counter[str]:

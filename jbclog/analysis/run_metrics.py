@@ -71,6 +71,9 @@ def metrics_of(run: RunTables, station: str | None = None) -> pd.DataFrame:
 
 def metric_rows_of(run: RunTables, station: str | None = None) -> list[MetricRow]:
     """Return the rows of `metrics_of`."""
+    published = run.published("metrics")
+    if published is not None:
+        return [MetricRow(**row) for row in published.to_pylist() if station in (None, row["station"])]
     try:
         stored = stored_metrics(run.folder, manifest_sha256(run.folder)) if run.manifest.state == "sealed" else None
     except RecordError:
@@ -82,10 +85,12 @@ def metric_rows_of(run: RunTables, station: str | None = None) -> list[MetricRow
 
 def joints_of(run: RunTables, station: str | None = None) -> pa.Table:
     """Return the stored joints if they are this run's; finds them in the samples otherwise. Raises `RecordError`."""
-    try:
-        stored = stored_joints(run.folder, manifest_sha256(run.folder)) if run.manifest.state == "sealed" else None
-    except RecordError:
-        stored = None
+    stored = run.published("joints")
+    if stored is None:
+        try:
+            stored = stored_joints(run.folder, manifest_sha256(run.folder)) if run.manifest.state == "sealed" else None
+        except RecordError:
+            stored = None
     if stored is None:
         return joints_table(run, station)
     return stored if station is None else stored.filter(pc.equal(stored["station"], station))

@@ -73,9 +73,9 @@ class Selection:
         if self.port is not None:
             rows = rows.filter(pc.equal(rows["port"], self.port))
         if self.start is not None:
-            rows = rows.filter(pc.greater_equal(rows["time"], _arrow_time(self.start)))
+            rows = rows.filter(pc.greater_equal(rows["time"], arrow_time(self.start)))
         if self.stop is not None:
-            rows = rows.filter(pc.less(rows["time"], _arrow_time(self.stop)))
+            rows = rows.filter(pc.less(rows["time"], arrow_time(self.stop)))
         return rows.select(list(self.columns))
 
     def may_have(self, part: Path) -> bool:
@@ -120,7 +120,8 @@ def frame(table: pa.Table) -> pd.DataFrame:
     return cast(pd.DataFrame, table.to_pandas())
 
 
-def _arrow_time(stamp: pd.Timestamp) -> pa.Scalar:
+def arrow_time(stamp: pd.Timestamp) -> pa.Scalar:
+    """Return a time as Arrow compares it with the tables' times."""
     return pa.scalar(stamp.as_unit("ns").value // 1000, pa.int64()).cast(pa.timestamp("us", tz="UTC"))
 
 
@@ -148,6 +149,11 @@ class RunTables:
     def name(self) -> str:
         """The folder's name."""
         return self.folder.name
+
+    @property
+    def place(self) -> str:
+        """Where the run is, as messages and tables show it: its folder, or its place in a store."""
+        return str(self.folder)
 
     @property
     def manifest(self) -> Manifest:
@@ -291,6 +297,10 @@ class RunTables:
         table = pd.DataFrame(rows, columns=["unit", "begin", "end"]).astype({"unit": "string"})
         times = {name: pd.to_datetime(table[name], utc=True, format="ISO8601").dt.as_unit("us") for name in ("begin", "end")}
         return table.assign(**times)
+
+    def published(self, table: str) -> pa.Table | None:
+        """Return its joints or metrics as a store has them; None for a run in a folder."""
+        return None
 
     def groups(self, table: str, columns: list[str]) -> Iterator[pa.Table]:
         """Yield the rows of a table in order, one row group at a time; rows of the live store come last."""

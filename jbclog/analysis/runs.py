@@ -9,7 +9,7 @@ for piece in runs.samples(columns=["time", "station", "port", "temperature_c"]):
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from functools import cached_property
 from math import isclose
@@ -80,11 +80,15 @@ class Runs(Sequence[Run]):
     def __getitem__(self, place: slice) -> list[Run]: ...
     def __getitem__(self, place: int | slice) -> Run | list[Run]:
         if isinstance(place, slice):
-            return [open_run(one.folder) for one in self.found[place]]
-        return open_run(self.found[place].folder)
+            return [self.open(one) for one in self.found[place]]
+        return self.open(self.found[place])
 
     def __iter__(self) -> Iterator[Run]:
-        return (open_run(one.folder) for one in self.found)
+        return map(self.open, self.found)
+
+    def open(self, one: Found) -> Run:
+        """Return the run that was found. Raises `RecordError`."""
+        return open_run(one.folder)
 
     def __repr__(self) -> str:
         more = f", {len(self.unreadable)} unreadable" if self.unreadable else ""
@@ -128,17 +132,20 @@ class Runs(Sequence[Run]):
 
         Raises `RecordError` for a run that cannot be read.
         """
-        found = [(one, _metric_rows(one, station)) for one in self.found]
+        found = [(one, self._metric_rows(one, station)) for one in self.found]
         table = metric_table([row for _, rows in found for row in rows])
         return _with_runs(table, [(one, len(rows)) for one, rows in found])
 
     def metric_rows(self, station: str | None = None) -> Iterator[tuple[Found, list[MetricRow]]]:
         """Yield each run that can be read with its rows of `metrics`."""
-        return self.each(lambda one: _metric_rows(one, station))
+        return self.each(lambda one: self._metric_rows(one, station))
 
     def each(self, read: Callable[[Found], T]) -> Iterator[tuple[Found, T]]:
         """Yield each run with what `read` returns for it. A run that cannot be read blocks no other: it is in `unreadable`."""
-        for one in self.found:
+        return self._each(read, self.found)
+
+    def _each(self, read: Callable[[Found], T], those: Iterable[Found]) -> Iterator[tuple[Found, T]]:
+        for one in those:
             try:
                 read_here = read(one)
             except UsageError:
@@ -150,6 +157,9 @@ class Runs(Sequence[Run]):
             else:
                 yield one, read_here
 
+    def _metric_rows(self, found: Found, station: str | None) -> list[MetricRow]:
+        return _metric_rows(found, station)
+
     def _add_unreadable(self, folder: Path, why: str) -> None:
         one = Unreadable(folder, shortened(why.removeprefix(f"{folder}: "), MOST_SAID))
         if one not in self.unreadable:
@@ -159,7 +169,7 @@ class Runs(Sequence[Run]):
         """Return the joints of all runs (`Run.joints`), `run` and `started` as the first columns."""
         from jbclog.analysis.run_metrics import joints_frame, joints_of
 
-        found = [(one, joints_of(open_run(one.folder), station)) for one in self.found]
+        found = [(one, joints_of(self.open(one), station)) for one in self.found]
         table = joints_frame(pa.concat_tables([JOINTS_SCHEMA.empty_table(), *(joints for _, joints in found)]))
         return _with_runs(table, [(one, joints.num_rows) for one, joints in found])
 
@@ -202,11 +212,18 @@ def open_runs(
     path = Path(folder)
     if not path.is_dir():
         raise RecordError(f"{path} is missing, or not a folder")
+    return Runs(path, filter_of(since, until, tags, texts))
+
+
+def filter_of(
+    since: Moment | None, until: Moment | None, tags: Mapping[str, str] | None, texts: Mapping[str, str | None]
+) -> Filter:
+    """Return the conditions of `open_runs`. Raises `UsageError` for an unknown one."""
     known = {one.name for one in fields(Filter)} - {"since", "until", "ended_since", "tags"}
     unknown = sorted(texts.keys() - known)
     if unknown:
         raise UsageError(f"runs cannot be filtered by {', '.join(unknown)}; by {', '.join(sorted(known))}, since, until and tags")
-    return Runs(path, Filter(since=utc(since), until=utc(until), ended_since=None, tags=tags or {}, **texts))
+    return Filter(since=utc(since), until=utc(until), ended_since=None, tags=tags or {}, **texts)
 
 
 def rate_text(period_s: float | None) -> str:

@@ -1,0 +1,117 @@
+"""The rows of a sealed run as a store has them: its record piece by piece, what is computed from it, and its row in `runs`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Final
+
+import pyarrow as pa
+
+from jbclog import __version__
+from jbclog.analysis.run import Run
+from jbclog.analysis.run_metrics import joints_of, metric_rows_of
+from jbclog.analysis.store.identity import Identity
+from jbclog.analysis.store.schema import DATA, OWN, RECORD, RUNS, schema_of
+from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.record.annotations import NAME as ANNOTATIONS
+from jbclog.record.find_runs import Found
+from jbclog.record.folder import recipe_copy
+from jbclog.record.manifest import NAME as MANIFEST
+
+SMALL_FILES: Final = {MANIFEST: Kind.MANIFEST, ANNOTATIONS: Kind.ANNOTATIONS, "line.toml": Kind.SETTINGS}
+"""Files that a store keeps whole, beside the copies of the recipes."""
+SAME_NAME: Final = ("verdict", "exit_status", "exit_code", "operator", "order", "product", "tags", "lost", "manifest_sha256")
+LISTS: Final = ("stations", "recipes", "units", "wire_lots", "flux_lots", "tips")
+
+Partition = Mapping[str, str | None]
+"""The values of `line` and `month`."""
+
+
+def partition_of(found: Found) -> Partition:
+    """Return the line, and the month in which the run started (UTC); None where the manifest does not say."""
+    started = _moment(found.started)
+    return {"line": found.line, "month": None if started is None else f"{started:%Y-%m}"}
+
+
+def rows_of(run: Run, table: str) -> Iterator[pa.Table]:
+    """Yield the rows of one table of a run, those of its record one row group at a time. Raises `RecordError`."""
+    if table in RECORD:
+        return run.groups(table, OWN[table].names)
+    return iter([_computed(run, table)])
+
+
+def _computed(run: Run, table: str) -> pa.Table:
+    schema = OWN[table]
+    if table == "joints":
+        return joints_of(run)
+    if table == "metrics":
+        return pa.Table.from_pylist([asdict(row) for row in metric_rows_of(run)], schema=schema)
+    return pa.Table.from_pandas(run.units() if table == "units" else run.alarms(), schema=schema, preserve_index=False)
+
+
+def stamped(pieces: Iterable[pa.Table], table: str, run: str, publication: str, partition: Partition) -> Iterator[pa.RecordBatch]:
+    """Yield the pieces with the columns that each row of a store has. No piece is kept."""
+    schema, first = schema_of(table), 0
+    for piece in pieces:
+        own = [piece[name] for name in OWN[table].names]
+        before = [_repeated(run, piece), _repeated(publication, piece), pa.array(range(first, first + piece.num_rows), pa.int64())]
+        after = [_repeated(partition[name], piece) for name in ("line", "month")]
+        yield from pa.table([*before, *own, *after], schema=schema).to_batches()
+        first += piece.num_rows
+
+
+def _repeated(text: str | None, piece: pa.Table) -> pa.Array:
+    return pa.repeat(pa.scalar(text, pa.utf8()), piece.num_rows)
+
+
+def run_row(
+    found: Found,
+    identity: Identity,
+    *,
+    version: int,
+    publications: tuple[str, str],
+    publisher: str,
+    rows: Mapping[str, int],
+    files: Iterable[tuple[str, bytes]],
+) -> pa.Table:
+    """Return the run's row in `runs`. `publications`: of its record and of its findings; `rows`: the count of each table."""
+    row: dict[str, object] = {name: getattr(found, name) for name in SAME_NAME}
+    row |= {name: list(getattr(found, name)) for name in LISTS}
+    row |= {f"{table}_rows": rows[table] for table in DATA}
+    row |= partition_of(found)
+    row |= {
+        "run": identity.run,
+        "version": version,
+        "record": publications[0],
+        "findings": publications[1],
+        "published": datetime.now(UTC),
+        "publisher": publisher,
+        "started": _moment(found.started),
+        "ended": _moment(found.ended),
+        "periods": [*found.periods_s.items()],
+        "tags": [*found.tags.items()],
+        "annotations": list(identity.annotations),
+        "rules": identity.rules,
+        "jbclog": __version__,
+        "files": [{"path": path, "data": data} for path, data in files],
+    }
+    return pa.Table.from_pylist([row], schema=schema_of(RUNS))
+
+
+def small_files(run: Run) -> Iterator[tuple[str, bytes]]:
+    """Yield name and bytes of each small file of a run that is there: manifest, annotations, line, recipes. Raises OSError."""
+    folder = run.folder
+    paths = {name: (folder / name, kind) for name, kind in SMALL_FILES.items()}
+    paths |= {f"recipes/{Path(one.file).name}": (recipe_copy(folder, one.file), Kind.SETTINGS) for one in run.manifest.recipes}
+    for name, (path, kind) in paths.items():
+        try:
+            yield name, read_foreign(path, kind)
+        except FileNotFoundError:
+            continue
+
+
+def _moment(text: str | None) -> datetime | None:
+    return None if text is None else datetime.fromisoformat(text)

@@ -1,0 +1,183 @@
+"""Where a store is, a folder, a network share or ``s3://BUCKET/PATH``, and how its tables and files are opened.
+
+Everything goes through the `deltalake` library, which takes credentials from the environment. Its errors can repeat what a server
+answers: they become one line, without any secret.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path, PosixPath
+from typing import TYPE_CHECKING, Final
+
+import pyarrow as pa
+import pyarrow.fs as pf
+
+from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.foreign.files import expect_answer
+from jbclog.core.text import clean, shortened
+from jbclog.record.folder import RUN_NAME
+
+if TYPE_CHECKING:
+    from deltalake import DeltaTable
+
+S3: Final = re.compile(r"s3a?:/+(.+)", re.DOTALL)  # a `Path` has lost one of the slashes
+URL: Final = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):/")
+OPTIONS: Final = {"conditional_put": "etag", "max_retries": "3", "retry_timeout": "20s"}
+"""Of S3: commits by conditional writes only, whatever the environment says; a server that is gone is an error, not a wait."""
+UNSAFE: Final = "AWS_S3_ALLOW_UNSAFE_RENAME"
+SECRETS: Final = ("AWS_SECRET_ACCESS_KEY", "AWS_SESSION_TOKEN", "AWS_ACCESS_KEY_ID")
+NOT_INSTALLED: Final = "{}: `pip install 'jbclog[plant]'` installs what a store needs"
+CREDENTIALS: Final = (
+    "; credentials come from the environment: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_REGION, and AWS_ENDPOINT_URL for a "
+    "server that is not Amazon's"
+)
+REFUSED: Final = re.compile(r"169\.254\.|InvalidAccessKeyId|SignatureDoesNotMatch|AccessDenied|ExpiredToken|InvalidToken|403 ")
+LOG: Final = "_delta_log"
+MOST_SAID: Final = 400  # characters of an error
+MARKS: Final = re.compile(r"\x1b\[[0-9;]*m|↳")
+CODE: Final = re.compile(r"<Code>([^<]*)</Code>")
+MESSAGE: Final = re.compile(r"<Message>([^<]*)</Message>")
+
+
+class StorePath(PosixPath):
+    """A place in a store, as a path. It shows the two slashes of ``s3://``, which a path would lose."""
+
+    def __str__(self) -> str:
+        return re.sub(r"^s3a?:/+", "s3://", super().__str__())
+
+
+@dataclass(frozen=True, slots=True)
+class FileThere:
+    """A file of a store: its name below the store, its size in bytes, and when the storage says that it was written."""
+
+    name: str
+    size: int
+    written: datetime | None
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A store's place: an absolute path, or ``s3://BUCKET/PATH``."""
+
+    url: str
+
+    @property
+    def is_remote(self) -> bool:
+        return S3.match(self.url) is not None
+
+    @property
+    def path(self) -> StorePath:
+        return StorePath(self.url)
+
+    @property
+    def options(self) -> dict[str, str] | None:
+        return dict(OPTIONS) if self.is_remote else None
+
+    def __str__(self) -> str:
+        return self.url
+
+    def of(self, name: str) -> str:
+        """Return the place of a table or a file of the store."""
+        return f"{self.url.rstrip('/')}/{name}"
+
+    def table(self, name: str) -> DeltaTable:
+        """Open the newest version of a table. Raises `RecordError`."""
+        from deltalake import DeltaTable
+        from deltalake.exceptions import TableNotFoundError
+
+        with explained(self.url):
+            try:
+                return DeltaTable(self.of(name), storage_options=self.options)
+            except TableNotFoundError:
+                raise RecordError(f"{self.url}: its table {name} is missing; this is no store, or a damaged one") from None
+
+    def files(self) -> pf.FileSystem:
+        """Return the store as a file system, in which names are relative to it."""
+        if self.is_remote:
+            from deltalake.fs import DeltaStorageHandler
+
+            return pf.PyFileSystem(DeltaStorageHandler(self.url, self.options))
+        return pf.SubTreeFileSystem(self.url, pf.LocalFileSystem())
+
+    def listed(self, folder: str) -> list[FileThere]:
+        """Return all files below a folder of the store; none where it is missing. Raises `RecordError`."""
+        with explained(self.url):
+            found = self.files().get_file_info(pf.FileSelector(folder, allow_not_found=True, recursive=True))
+        return [FileThere(one.path, one.size, one.mtime) for one in found if one.type == pf.FileType.File]
+
+    def remove(self, folder: str) -> None:
+        """Remove a folder of the store, if it is there. Raises `RecordError`."""
+        with explained(self.url):
+            files = self.files()
+            if files.get_file_info(pf.FileSelector(folder, allow_not_found=True)):
+                files.delete_dir(folder)
+
+
+def place_of(given: str | os.PathLike[str]) -> Place:
+    """Return the place that a user names. Raises `UsageError` for another kind of URL, or one with credentials in it."""
+    text = os.fspath(given)
+    remote = S3.fullmatch(text)
+    if remote is not None:
+        if "@" in remote[1].partition("/")[0]:
+            raise UsageError(f"s3://…: a URL holds no credentials{CREDENTIALS}")
+        if os.environ.get(UNSAFE, "").lower() in ("1", "true", "yes", "on"):
+            raise UsageError(f"{UNSAFE} is set: two publishers could then overwrite each other's commits; unset it")
+        return Place(f"s3://{remote[1].rstrip('/')}")
+    if URL.match(text):
+        raise UsageError(f"{shortened(clean(text), MOST_SAID)}: a store is a folder or s3://BUCKET/PATH")
+    return Place(os.path.abspath(text))  # noqa: PTH100  # `resolve` would follow the user's links
+
+
+def is_store(given: str | os.PathLike[str]) -> bool:
+    """Whether a user's path is that of a store. True for each ``s3://`` URL: jbclog keeps nothing else there."""
+    text = os.fspath(given)
+    if S3.fullmatch(text):
+        return True
+    expect_answer(Path(text))
+    try:
+        return Path(text, "runs", LOG).is_dir()
+    except (OSError, ValueError):
+        return False
+
+
+def is_in_store(given: Path) -> bool:
+    """Whether a user's path is ``STORE/RUN``; a folder that exists is none."""
+    return bool(RUN_NAME.fullmatch(given.name)) and not given.is_dir() and is_store(given.parent)
+
+
+def expect_library() -> None:
+    """Raise `UsageError` with the command that installs it where `deltalake` is missing."""
+    try:
+        import deltalake  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise UsageError(NOT_INSTALLED.format(error)) from None
+
+
+@contextmanager
+def explained(url: str) -> Iterator[None]:
+    """Turn the errors of the library into a `RecordError` of one line."""
+    from deltalake.exceptions import DeltaError
+
+    try:
+        yield
+    except (DeltaError, OSError, pa.ArrowException, ValueError) as error:
+        text = one_line(error)
+        raise RecordError(f"{url}: {text}{CREDENTIALS if REFUSED.search(text) and S3.match(url) else ''}") from error
+
+
+def one_line(error: BaseException) -> str:
+    """Return the text of an error on one line, without colours, without a server's whole answer, and without secrets."""
+    plain = MARKS.sub("", str(error))
+    before, xml, answer = plain.partition("<?xml")
+    code, message = CODE.search(answer), MESSAGE.search(answer)
+    said = " ".join(found[1] for found in (code, message) if found) if xml else ""
+    text = " ".join(f"{before} {said}".split()) or type(error).__name__
+    for secret in filter(None, (os.environ.get(name) for name in SECRETS)):
+        text = text.replace(secret, "***")
+    return shortened(clean(text), MOST_SAID)

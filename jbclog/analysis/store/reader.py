@@ -1,0 +1,234 @@
+"""Reads a store: first its runs, then only the columns, partitions and files of the rows that are asked for.
+
+A row counts if the newest row of its run in `runs` names its publication; other rows are of an older version, or of a publisher
+that was interrupted. `runs` is read first: what it names was committed before it. The number of a run's rows in each table is
+known, so that a table of which a part is missing is an error, never a shorter answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import unquote
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.dataset as ds
+import pyarrow.fs as pf
+
+from jbclog.analysis.store.identity import Identity
+from jbclog.analysis.store.place import Place, expect_library, explained, one_line
+from jbclog.analysis.store.schema import DATA, OWN, PROPERTY, RECORD, RUNS, SCHEMA
+from jbclog.core.errors import RecordError
+from jbclog.record.find_runs import ALL, SEALED, Filter, Found
+
+if TYPE_CHECKING:
+    from deltalake import DeltaTable
+
+BATCH_ROWS: Final = 32_768  # as in a run's own row groups
+FILES: Final = "files"
+SHOWN: Final = ("operator", "order", "product", "verdict", "exit_status", "exit_code", "lost", "line", "manifest_sha256")
+
+
+@dataclass(frozen=True, slots=True)
+class Published:
+    """The newest version of a run in a store: what finding needs, and where its rows are."""
+
+    found: Found
+    identity: Identity
+    version: int
+    record: str
+    findings: str
+    line: str | None
+    month: str | None
+    rows: Mapping[str, int]
+
+    def publication(self, table: str) -> str:
+        """Return the publication of its rows in this table."""
+        return self.record if table in RECORD else self.findings
+
+
+class Store:
+    """A store as it is when its tables are first read; a later commit changes nothing in it."""
+
+    def __init__(self, place: Place, runs: DeltaTable | None = None) -> None:
+        expect_library()
+        self.place = place
+        self._tables: dict[str, DeltaTable] = {} if runs is None else {RUNS: runs}
+        self._datasets: dict[str, ds.Dataset] = {}
+        self._firsts: dict[str, Mapping[str, int]] = {}
+
+    def table(self, name: str) -> DeltaTable:
+        """Return a table at the version that is read. Raises `RecordError` for one of a newer jbclog."""
+        if name not in self._tables:
+            if name != RUNS:
+                self.table(RUNS)  # read first: what it names was committed before
+            self._tables[name] = opened(self.place, name)
+        return self._tables[name]
+
+    def dataset(self, name: str) -> ds.Dataset:
+        """Return a table as a dataset; filters on line, month, run or publication leave files unread. Raises `RecordError`."""
+        if name not in self._datasets:
+            with explained(self.place.url):
+                files = None if self.place.is_remote else pf.SubTreeFileSystem(self.place.of(name), pf.LocalFileSystem())
+                self._datasets[name] = self.table(name).to_pyarrow_dataset(filesystem=files)
+        return self._datasets[name]
+
+    def runs(self, wanted: Filter = ALL) -> list[Published]:
+        """Return the newest version of each run that matches, in the order of their names, which begin with their starts."""
+        newest: dict[str, Published] = {}
+        for one in self._versions(wanted):
+            if one.identity.run not in newest or one.version > newest[one.identity.run].version:
+                newest[one.identity.run] = one
+        return [newest[name] for name in sorted(newest) if wanted.fits(newest[name].found)]
+
+    def every_version(self) -> list[Published]:
+        """Return all versions of all runs."""
+        return [*self._versions(ALL)]
+
+    def _versions(self, wanted: Filter) -> Iterator[Published]:
+        line = wanted.line if wanted.line and "*" not in wanted.line else None
+        return map(self._published, self._rows(_in_partitions([line] if line else [], _months(wanted))))
+
+    def run(self, name: str) -> Published:
+        """Return the newest version of a run. Raises `RecordError` if the store has none of that name."""
+        found = self.newest(name)
+        if found is None:
+            raise RecordError(f"{self.place}: no run {name}; `jbclog runs {self.place}` lists those that are there")
+        return found
+
+    def newest(self, name: str) -> Published | None:
+        """Return the newest version of a run; None if the store has none of that name."""
+        rows = self._rows(pc.field("run") == name)
+        return max(map(self._published, rows), key=lambda one: one.version, default=None)
+
+    def _rows(self, condition: pc.Expression | None) -> list[dict[str, Any]]:
+        with explained(self.place.url):
+            runs = self.dataset(RUNS)
+            columns = [name for name in runs.schema.names if name != FILES]
+            return list(runs.to_table(columns=columns, filter=condition).to_pylist())
+
+    def files_of(self, one: Published) -> list[tuple[str, bytes]]:
+        """Return name and bytes of the small files of a run: manifest, annotations, line, recipes. Raises `RecordError`."""
+        chosen = (pc.field("run") == one.identity.run) & (pc.field("version") == one.version)
+        with explained(self.place.url):
+            rows = self.dataset(RUNS).to_table(columns=[FILES], filter=chosen)[FILES].to_pylist()
+        return [(file["path"], file["data"]) for files in rows for file in files or ()]
+
+    def pieces(
+        self, table: str, one: Published, columns: Sequence[str], condition: pc.Expression | None = None
+    ) -> Iterator[pa.Table]:
+        """Yield a run's rows of a table in order, at most `BATCH_ROWS` at a time. Raises `RecordError` where some are missing."""
+        mine = pc.field("publication") == one.publication(table)
+        chosen = mine if condition is None else mine & condition
+        try:
+            fragments = self._fragments(table, one, mine)
+            there = sum(fragment.count_rows(filter=mine) for fragment in fragments)
+            expect_rows(self.place, one, table, there)
+            for fragment in fragments:
+                batches = fragment.to_batches(columns=list(columns), filter=chosen, batch_size=BATCH_ROWS, batch_readahead=1)
+                yield from (as_own(pa.Table.from_batches([batch]), table) for batch in batches if batch.num_rows)
+        except (OSError, pa.ArrowException) as error:
+            raise RecordError(missing(self.place, one.identity.run, table, one_line(error))) from error
+
+    def _fragments(self, table: str, one: Published, mine: pc.Expression) -> list[ds.Fragment]:
+        """Return the files that may have the run's rows, in the order of the rows."""
+        condition = _in_partitions([one.line], [one.month])
+        first = self._first_rows(table)
+        fragments = self.dataset(table).get_fragments(filter=mine if condition is None else mine & condition)
+        return sorted(fragments, key=lambda fragment: first.get(unquote(fragment.path), 0))
+
+    def _first_rows(self, table: str) -> Mapping[str, int]:
+        """Return the number of the first row of each file, by its path."""
+        if table not in self._firsts:
+            files = actions_of(self.table(table))
+            first = files["min.row"].to_pylist() if "min.row" in files.column_names else [0] * files.num_rows
+            self._firsts[table] = {unquote(path): row or 0 for path, row in zip(files["path"].to_pylist(), first, strict=True)}
+        return self._firsts[table]
+
+    def _published(self, row: Mapping[str, Any]) -> Published:
+        facts: dict[str, Any] = {name: row[name] for name in SHOWN}
+        facts |= {name: tuple(row[name] or ()) for name in ("stations", "recipes", "units", "wire_lots", "flux_lots", "tips")}
+        found = Found(
+            folder=self.place.path / row["run"],
+            state=SEALED,
+            started=_iso(row["started"]),
+            ended=_iso(row["ended"]),
+            changed=None,
+            tags=dict(row["tags"] or ()),
+            periods_s=dict(row["periods"] or ()),
+            **facts,
+        )
+        identity = Identity(row["run"], row["manifest_sha256"], tuple(row["annotations"] or ()), row["rules"])
+        rows = {table: row[f"{table}_rows"] or 0 for table in DATA}
+        return Published(found, identity, row["version"], row["record"], row["findings"], row["line"], row["month"], rows)
+
+
+def opened(place: Place, name: str) -> DeltaTable:
+    """Open the newest version of a table. Raises `RecordError` for one that a newer jbclog wrote so that this one misreads it."""
+    table = place.table(name)
+    written = table.metadata().configuration.get(PROPERTY, "")
+    if not written.isdecimal() or int(written) > SCHEMA:
+        raise RecordError(f"{place}: {name} is written with schema {written or '(none)'}; this jbclog knows {SCHEMA}. Upgrade it")
+    return table
+
+
+def actions_of(table: DeltaTable) -> pa.Table:
+    """Return a row for each file of a table, with its statistics."""
+    return pa.table(table.get_add_actions(flatten=True))
+
+
+def as_own(piece: pa.Table, table: str) -> pa.Table:
+    """Return the rows with the types and metadata that they have in a run's folder."""
+    own = OWN[table]
+    fields = [own.field(name) if name in own.names else piece.schema.field(name) for name in piece.column_names]
+    return piece.cast(pa.schema(fields, metadata=own.metadata))
+
+
+def expect_rows(place: Place, one: Published, table: str, there: int) -> None:
+    """Raise `RecordError` unless a run has as many rows in a table as its publisher counted."""
+    if there != one.rows[table]:
+        raise RecordError(missing(place, one.identity.run, table, f"{there} of {one.rows[table]} rows are there"))
+
+
+def missing(place: Place, run: str, table: str, why: str) -> str:
+    """Return the sentence for a table of which a part is missing."""
+    return f"{place}: {run}: its {table} are incomplete: {why}; `jbclog store check {place}` lists all such damage"
+
+
+def _in_partitions(lines: Iterable[str | None], months: Iterable[str | None]) -> pc.Expression | None:
+    """Return the condition that rows are of these lines and months; None for no condition. An unknown one is no condition."""
+    condition = None
+    for name, values in (("line", set(lines)), ("month", set(months))):
+        if values and None not in values:
+            chosen = pc.field(name).isin(pa.array(sorted(values), pa.utf8()))  # type: ignore[type-var]  # without None
+            condition = chosen if condition is None else condition & chosen
+    return condition
+
+
+def _months(wanted: Filter) -> list[str]:
+    """Return the months of a filter with both limits, at most ten years; none if it has no such limits."""
+    if wanted.since is None or wanted.until is None:
+        return []
+    first, last = (moment.year * 12 + moment.month - 1 for moment in (wanted.since, wanted.until))
+    return [f"{month // 12:04}-{month % 12 + 1:02}" for month in range(first, last + 1)] if 0 <= last - first < 120 else []
+
+
+def _iso(moment: datetime | None) -> str | None:
+    return None if moment is None else f"{moment:%Y-%m-%dT%H:%M:%S.%fZ}"
+
+
+def metric_rows(store: Store, runs: Iterable[Published], station: str | None) -> pa.Table:
+    """Return the metrics of many runs from one pass over the table, with the publication of each row. Raises `RecordError`."""
+    runs = list(runs)
+    wanted = pc.field("publication").isin(pa.array([one.findings for one in runs], pa.utf8()))
+    condition = _in_partitions({one.line for one in runs}, {one.month for one in runs})
+    with explained(store.place.url):
+        columns, chosen = ["publication", *OWN["metrics"].names], wanted if condition is None else wanted & condition
+        table = store.dataset("metrics").to_table(columns=columns, filter=chosen)
+    counts = dict(zip(*(pc.value_counts(table["publication"]).field(name).to_pylist() for name in (0, 1)), strict=True))
+    for one in runs:
+        expect_rows(store.place, one, "metrics", counts.get(one.findings, 0))
+    return table if station is None else table.filter(pc.equal(table["station"], station))

@@ -1,0 +1,193 @@
+"""The commits of a publisher. Nothing is atomic across tables, so `runs` is last, and what it does not name does not count.
+
+Commits to `runs` exclude each other: each records the same application, and the library refuses a commit if another one recorded it
+since the table was read. So a publisher reads `runs`, decides, and commits; where another was first, it reads and decides anew. The
+library does not refuse a repetition by itself: that the run is there already is for the publisher to find.
+
+What an interrupted publisher left may be removed only after a commit to `runs` that says so (`fence`): a publisher that was merely
+slow finds it there, and does not name rows that are gone.
+"""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
+from typing import TYPE_CHECKING, Final
+
+import pyarrow as pa
+
+from jbclog.analysis.store.place import Place, explained, one_line
+from jbclog.analysis.store.reader import opened
+from jbclog.analysis.store.schema import PARTITIONS, PROPERTY, RUNS, SCHEMA, TABLES, schema_of
+from jbclog.core.errors import RecordError
+
+if TYPE_CHECKING:
+    from deltalake import CommitProperties, DeltaTable, WriterProperties
+
+APPLICATION: Final = "jbclog.runs"
+FENCE: Final = "jbclog.removed."
+TRIES: Final = 40
+GROUP_ROWS: Final = 32_768
+LARGEST_PAUSE_S: Final = 0.5
+CONFIGURATION: Final = {PROPERTY: str(SCHEMA)}
+
+
+def create_tables(place: Place) -> None:
+    """Create what is missing of the tables. Raises `RecordError`, also for a store of a newer jbclog."""
+    from deltalake import DeltaTable
+
+    for name in TABLES:
+        with explained(place.url):
+            is_there = DeltaTable.is_deltatable(place.of(name), storage_options=place.options)
+        if not is_there:
+            _create(place, name)
+        opened(place, name)
+
+
+def _create(place: Place, name: str) -> None:
+    from deltalake import DeltaTable
+
+    with explained(place.url):
+        DeltaTable.create(
+            place.of(name),
+            schema_of(name),
+            mode="ignore",  # another publisher may be first
+            partition_by=list(PARTITIONS),
+            name=name,
+            configuration=CONFIGURATION,
+            storage_options=place.options,
+            raise_if_key_not_exists=False,
+        )
+
+
+def append(place: Place, name: str, publication: str, rows: Callable[[], Iterator[pa.RecordBatch]]) -> int:
+    """Commit the rows to a table and return their number; no more than some row groups are in memory. Raises `RecordError`."""
+    from deltalake import write_deltalake
+
+    for _ in range(TRIES):
+        counted = _Counted(rows())
+        first = next(counted, None)
+        if first is None:
+            return 0
+        reader = pa.RecordBatchReader.from_batches(schema_of(name), chain([first], counted))
+        table = opened(place, name)
+        if committed(
+            place,
+            lambda table=table, reader=reader: write_deltalake(  # type: ignore[misc]  # of this turn of the loop
+                table,
+                reader,
+                mode="append",
+                schema_mode="merge",
+                writer_properties=writer(),
+                commit_properties=properties(publication=publication),
+            ),
+        ):
+            return counted.rows
+    raise RecordError(f"{place}: {name} changed too often; publish again")
+
+
+class _Counted(Iterator[pa.RecordBatch]):
+    """Counts the rows that pass."""
+
+    def __init__(self, batches: Iterator[pa.RecordBatch]) -> None:
+        self._batches = batches
+        self.rows = 0
+
+    def __next__(self) -> pa.RecordBatch:
+        batch = next(self._batches)
+        self.rows += batch.num_rows
+        return batch
+
+
+def commit_run(place: Place, publication: str, row: Callable[[DeltaTable], pa.Table | None]) -> bool:
+    """Commit to `runs` the row that `row` decides on from the table as it is; False if it decides on none. Raises `RecordError`."""
+    from deltalake import write_deltalake
+
+    for _ in range(TRIES):
+        runs = opened(place, RUNS)
+        expect_not_fenced(place, runs, publication)
+        chosen = row(runs)
+        if chosen is None:
+            return False
+        done = properties(_turn(runs), publication=publication)
+        if committed(
+            place,
+            lambda runs=runs, chosen=chosen, done=done: write_deltalake(  # type: ignore[misc]  # of this turn of the loop
+                runs, chosen, mode="append", schema_mode="merge", writer_properties=writer(), commit_properties=done
+            ),
+        ):
+            return True
+    raise RecordError(f"{place}: {RUNS} changed too often; publish again")
+
+
+def fence(place: Place, publications: Callable[[DeltaTable], Iterable[str]]) -> list[str]:
+    """Commit to `runs` that what `publications` decides on will be removed; return it. Raises `RecordError`."""
+    for _ in range(TRIES):
+        runs = opened(place, RUNS)
+        chosen = sorted(publications(runs))
+        if not chosen:
+            return []
+        done = properties(_turn(runs), *((f"{FENCE}{one}", 1) for one in chosen))
+        if committed(
+            place,
+            lambda runs=runs, done=done: runs.create_write_transaction(  # type: ignore[misc]  # of this turn of the loop
+                [], "append", schema_of(RUNS), partition_by=list(PARTITIONS), commit_properties=done
+            ),
+        ):
+            return chosen
+    raise RecordError(f"{place}: {RUNS} changed too often; nothing was removed. Check again")
+
+
+def expect_not_fenced(place: Place, runs: DeltaTable, publication: str) -> None:
+    """Raise `RecordError` if `store check` took this publication for one that was interrupted."""
+    if runs.transaction_version(f"{FENCE}{publication}") is not None:
+        raise RecordError(f"{place}: `store check` removed what was written so far, as of an interrupted publisher; publish again")
+
+
+def remove(place: Place, name: str, publication: str) -> None:
+    """Remove the rows of a publication from a table; its files stay until `store vacuum`. Raises `RecordError`."""
+    for _ in range(TRIES):
+        table = opened(place, name)
+        done = properties(removed=publication)
+        if committed(
+            place,
+            lambda table=table, done=done: table.delete(f"publication = '{publication}'", commit_properties=done),  # type: ignore[misc]
+        ):
+            return
+    raise RecordError(f"{place}: {name} changed too often; check again")
+
+
+def _turn(runs: DeltaTable) -> tuple[str, int]:
+    return APPLICATION, runs.version() + 1
+
+
+def properties(*transactions: tuple[str, int], **metadata: str) -> CommitProperties:
+    """Return what a commit records beside its rows."""
+    from deltalake import CommitProperties, Transaction
+
+    applications = [Transaction(name, version) for name, version in transactions]
+    return CommitProperties(custom_metadata=metadata or None, app_transactions=applications or None)
+
+
+def writer() -> WriterProperties:
+    """Return how files are written: as those of a run."""
+    from deltalake import WriterProperties
+
+    return WriterProperties(compression="ZSTD", max_row_group_size=GROUP_ROWS)
+
+
+def committed(place: Place, commit: Callable[[], object]) -> bool:
+    """Whether the commit was made; False, after a pause, if another one came before. Raises `RecordError`."""
+    from deltalake.exceptions import CommitFailedError
+
+    with explained(place.url):
+        try:
+            commit()
+        except CommitFailedError as error:
+            if "oncurrent" not in one_line(error) and "onflict" not in one_line(error):
+                raise
+            time.sleep(random.uniform(0, LARGEST_PAUSE_S))
+            return False
+    return True

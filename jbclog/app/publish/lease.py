@@ -1,0 +1,139 @@
+"""Which publishers are at work in a store, on any host: each has a lease there, renewed while it works.
+
+A lease is an empty table of Delta Lake below `_publishers`, whose description names host, boot and process. It keeps `store
+check` and `store vacuum` from working beside a publisher. What they do would be safe without it: see `commits.fence`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import secrets
+import socket
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import pyarrow as pa
+
+from jbclog.analysis.store.place import Place, explained
+from jbclog.core.foreign.json_reader import json_of
+from jbclog.core.locks import boot_id
+from jbclog.core.text import clean, shortened
+
+if TYPE_CHECKING:
+    from deltalake import DeltaTable
+
+FOLDER: Final = "_publishers"
+VALID: Final = timedelta(hours=1)
+RENEWED_S: Final = 60.0
+NAME: Final = re.compile(r"[0-9a-f]{12}")
+SCHEMA: Final = pa.schema([pa.field("renewed", pa.int64())])
+MOST_SAID: Final = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Holder:
+    """The process that holds a lease."""
+
+    host: str
+    boot: str
+    pid: int
+
+    @property
+    def is_here(self) -> bool:
+        """Whether it runs, or ran, since this computer's last start."""
+        return bool(self.boot) and self.boot == boot_id()
+
+    @property
+    def is_dead(self) -> bool:
+        """Whether it is known to have ended."""
+        return self.is_here and not Path("/proc", str(self.pid)).exists()
+
+    def __str__(self) -> str:
+        return f"process {self.pid} on {shortened(clean(self.host), MOST_SAID)}"
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """A lease in a store: the publisher's name, its process, and when it was renewed last."""
+
+    publisher: str
+    holder: Holder | None
+    renewed: datetime | None
+
+    @property
+    def is_live(self) -> bool:
+        """Whether its publisher may be at work."""
+        if self.holder is not None and self.holder.is_here:
+            return not self.holder.is_dead
+        return self.renewed is None or datetime.now(UTC) - self.renewed < VALID
+
+    def __str__(self) -> str:
+        when = "" if self.renewed is None else f", last seen {self.renewed:%Y-%m-%d %H:%M:%S} UTC"
+        return f"{self.holder or f'publisher {self.publisher}'}{when}"
+
+
+class Lease:
+    """A publisher's own lease. `publisher` is its name; `new_publication` gives names to what it publishes."""
+
+    def __init__(self, place: Place) -> None:
+        from deltalake import DeltaTable
+
+        self.publisher = secrets.token_hex(6)
+        self._place, self._count, self._renewed = place, 0, time.monotonic()
+        description = json.dumps(asdict(Holder(socket.gethostname(), boot_id(), os.getpid())))
+        with explained(place.url):
+            self._table: DeltaTable = DeltaTable.create(
+                place.of(self._name), SCHEMA, description=description, storage_options=place.options
+            )
+
+    @property
+    def _name(self) -> str:
+        return f"{FOLDER}/{self.publisher}"
+
+    def new_publication(self) -> str:
+        """Return a name that no other publication has."""
+        self._count += 1
+        return f"{self.publisher}-{self._count}"
+
+    def renew(self) -> None:
+        """Show that the publisher works, at most once a minute."""
+        if time.monotonic() - self._renewed < RENEWED_S:
+            return
+        with explained(self._place.url):
+            self._table.create_write_transaction([], "append", SCHEMA)
+        self._renewed = time.monotonic()
+
+    def release(self) -> None:
+        """Remove the lease."""
+        self._place.remove(self._name)
+
+
+def leases(place: Place) -> Iterator[Found]:
+    """Yield the leases in a store."""
+    written: dict[str, list[datetime | None]] = {}
+    for file in place.listed(FOLDER):
+        parts = Path(file.name).parts
+        if len(parts) > 2 and NAME.fullmatch(parts[1]):
+            written.setdefault(parts[1], []).append(file.written)
+    for publisher, times in sorted(written.items()):
+        known = [one for one in times if one is not None]
+        yield Found(publisher, _holder(place, publisher), max(known) if known else None)
+
+
+def live(place: Place) -> list[Found]:
+    """Return the leases of publishers that may be at work."""
+    return [one for one in leases(place) if one.is_live]
+
+
+def _holder(place: Place, publisher: str) -> Holder | None:
+    try:
+        facts: Any = json_of(place.table(f"{FOLDER}/{publisher}").metadata().description or "")
+        return Holder(str(facts["host"]), str(facts["boot"]), int(facts["pid"]))
+    except Exception:  # cut off at its start, or anybody's
+        return None

@@ -1,0 +1,97 @@
+"""Whether commits in a place exclude each other; a store is never written where they do not.
+
+A commit of Delta Lake is a file of the next number, which only one writer may create: in a folder by a hard link to a finished
+file, in S3 by a conditional write (`If-None-Match`). A share without hard links, or a server that ignores the condition, would
+let one publisher overwrite another's commit without notice. Both are tried in a folder of their own, which is removed again.
+"""
+
+from __future__ import annotations
+
+import os
+import secrets
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from threading import Barrier
+from typing import TYPE_CHECKING, Final
+
+import pyarrow as pa
+
+from jbclog.analysis.store.place import Place, explained
+from jbclog.core.errors import RecordError, UsageError
+
+if TYPE_CHECKING:
+    from deltalake import DeltaTable
+
+PROBE: Final = "_probe-"
+WRITERS: Final = 4
+ROUNDS: Final = 2
+SCHEMA: Final = pa.schema([pa.field("writer", pa.int64())])
+ADVICE: Final = "use a local disk, a share with hard links (NFS, SMB 3), or S3 with conditional writes; nothing was written"
+
+
+def expect_safe(place: Place) -> None:
+    """Raise `UsageError` where two publishers could overwrite each other's commits, `RecordError` where nothing can be written."""
+    name = f"{PROBE}{secrets.token_hex(4)}"
+    if not place.is_remote:
+        _make(place)
+        _expect_exclusive_names(Path(place.url), name)
+    try:
+        for number in range(ROUNDS):
+            _race(place, f"{name}/{number}")
+    finally:
+        place.remove(name)
+
+
+def _make(place: Place) -> None:
+    try:
+        Path(place.url).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordError(f"{place} cannot be a store: {error.strerror or error}") from error
+
+
+def _expect_exclusive_names(folder: Path, name: str) -> None:
+    """Raise `UsageError` unless a second link to a name is refused, and a rename keeps the content."""
+    first, second, third = (folder / f"{name}.{end}" for end in ("a", "b", "c"))
+    try:
+        first.write_bytes(b"1")
+        os.link(first, second)
+        try:
+            os.link(first, second)
+        except FileExistsError:
+            second.rename(third)
+            if third.stat().st_nlink == 2 and not second.exists():
+                return
+        raise UsageError(f"{folder}: this file system lets a second writer take the name of a finished file; {ADVICE}")
+    except OSError as error:
+        why = error.strerror or error
+        if first.exists() and not second.exists():
+            raise UsageError(
+                f"{folder}: this file system has no hard links ({why}), so commits are not atomic; {ADVICE}"
+            ) from error
+        raise RecordError(f"{folder} cannot be a store: {why}") from error
+    finally:
+        for path in (first, second, third):
+            path.unlink(missing_ok=True)
+
+
+def _race(place: Place, name: str) -> None:
+    """Let some writers commit at once; each commit must have got a number of its own."""
+    from deltalake import DeltaTable
+
+    with explained(place.url):
+        DeltaTable.create(place.of(name), SCHEMA, storage_options=place.options)
+    tables, start = [place.table(name) for _ in range(WRITERS)], Barrier(WRITERS)
+
+    def commit(table: DeltaTable) -> None:
+        from deltalake import CommitProperties
+
+        start.wait()
+        with explained(place.url):
+            table.create_write_transaction([], "append", SCHEMA, commit_properties=CommitProperties(max_commit_retries=20))
+
+    with ThreadPoolExecutor(WRITERS) as pool:
+        [*pool.map(commit, tables)]
+    last = place.table(name).version()
+    if last != WRITERS:
+        lost = f"of {WRITERS} commits at once {WRITERS - last} were overwritten"
+        raise UsageError(f"{place}: {lost}: this storage has no conditional writes (If-None-Match); {ADVICE}")

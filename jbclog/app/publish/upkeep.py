@@ -1,0 +1,211 @@
+"""Keeps a store: finds damage, removes what interrupted publishers left, joins small files, deletes files that no version needs."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from typing import TYPE_CHECKING, Final
+from urllib.parse import unquote
+
+import pyarrow.compute as pc
+
+from jbclog.analysis.store.place import Place, expect_library, explained
+from jbclog.analysis.store.reader import Published, Store, actions_of
+from jbclog.analysis.store.schema import DATA, RUNS, TABLES
+from jbclog.app.publish.commits import committed, fence, properties, remove, writer
+from jbclog.app.publish.lease import FOLDER, leases, live
+from jbclog.app.publish.safe_place import PROBE
+from jbclog.core.errors import RecordError, UsageError
+
+if TYPE_CHECKING:
+    from deltalake import DeltaTable
+
+SWEPT_AFTER: Final = timedelta(hours=24)
+LEAST_DAYS: Final = 7
+MOST_NAMED: Final = 20  # files or runs in a finding of their own
+
+
+@dataclass(slots=True)
+class Checked:
+    """What a check found: damage; what interrupted publishers left; what was removed; and what else to know."""
+
+    runs: int = 0
+    findings: list[str] = field(default_factory=list)
+    leftovers: list[str] = field(default_factory=list)
+    removed: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def check(place: Place, older_than: timedelta = SWEPT_AFTER) -> Checked:
+    """Check a store; remove what interrupted publishers left and what is older. Raises `RecordError` where it cannot be read.
+
+    Nothing is removed beside a publisher that may be at work.
+    """
+    expect_library()
+    store, found = Store(place), Checked()
+    entries = store.every_version()
+    found.runs = len({one.identity.run for one in entries})
+    left: dict[str, set[str]] = {}
+    for table in DATA:
+        try:
+            counts, written = _counted(store, table), _written(store, table)
+            found.findings += _damage(store, table, entries, counts)
+        except RecordError as error:
+            found.findings.append(str(error))
+            continue
+        for publication in counts.keys() - {one.publication(table) for one in entries}:
+            _sort_out(found, left, table, publication, counts[publication], written.get(publication), older_than)
+    found.findings += _twice(entries)
+    _sweep(place, found, left)
+    return found
+
+
+def _sort_out(
+    found: Checked,
+    left: dict[str, set[str]],
+    table: str,
+    publication: str,
+    rows: int,
+    written: datetime | None,
+    older_than: timedelta,
+) -> None:
+    text = f"{rows} rows in {table} are of an interrupted publisher ({publication})"
+    if written is not None and datetime.now(UTC) - written < older_than:
+        found.leftovers.append(f"{text}, younger than {_hours(older_than)}")
+    else:
+        left.setdefault(publication, set()).add(table)
+        found.leftovers.append(text)
+
+
+def _sweep(place: Place, found: Checked, left: Mapping[str, set[str]]) -> None:
+    """Remove leftovers, dead leases and probes, unless a publisher is at work."""
+    at_work = live(place)
+    if at_work:
+        found.notes += [f"a publisher is at work, so nothing was removed: {one}" for one in at_work]
+        return
+    named = fence(place, lambda runs: left.keys() - _named(Store(place, runs))) if left else []
+    for publication in named:
+        for table in sorted(left[publication]):
+            remove(place, table, publication)
+            found.removed.append(f"{table}: rows of {publication}")
+    for folder in [*(f"{FOLDER}/{one.publisher}" for one in leases(place)), *_probes(place)]:
+        place.remove(folder)
+        found.removed.append(folder)
+
+
+def _named(store: Store) -> set[str]:
+    return {name for one in store.every_version() for name in (one.record, one.findings)}
+
+
+def _probes(place: Place) -> list[str]:
+    return sorted({file.name.partition("/")[0] for file in place.listed("") if file.name.startswith(PROBE)})
+
+
+def _counted(store: Store, table: str) -> Counter[str]:
+    """Return the number of rows of each publication, from statistics where a file has one only."""
+    counts: Counter[str] = Counter()
+    files = actions_of(store.table(table)).to_pylist()
+    mixed = {unquote(file["path"]) for file in files if _only(file) is None}
+    for file in files:
+        counts[_only(file) or ""] += file["num_records"] or 0
+    del counts[""]
+    if mixed:
+        with explained(store.place.url):
+            for fragment in store.dataset(table).get_fragments():
+                if unquote(fragment.path) in mixed:
+                    names = pc.value_counts(fragment.to_table(columns=["publication"])["publication"])
+                    counts.update(dict(zip(names.field("values").to_pylist(), names.field("counts").to_pylist(), strict=True)))
+    return counts
+
+
+def _only(file: Mapping[str, object]) -> str | None:
+    """Return the publication of a file; None if it may have several."""
+    least = file.get("min.publication")
+    return str(least) if least is not None and least == file.get("max.publication") else None
+
+
+def _written(store: Store, table: str) -> dict[str, datetime]:
+    """Return when the newest file of each publication was written, where a file has one only."""
+    found: dict[str, datetime] = {}
+    for file in actions_of(store.table(table)).to_pylist():
+        name, moment = _only(file), datetime.fromtimestamp(file["modification_time"] / 1000, UTC)
+        if name is not None:
+            found[name] = max(moment, found.get(name, moment))
+    return found
+
+
+def _damage(store: Store, table: str, entries: list[Published], counts: Mapping[str, int]) -> Iterator[str]:
+    """Yield a sentence for each run whose rows are not all there, and for files that are missing or of another size."""
+    expected = {one.publication(table): one for one in entries}
+    wrong = [one for name, one in expected.items() if counts.get(name, 0) != one.rows[table]]
+    for one in wrong[:MOST_NAMED]:
+        rows = f"{counts.get(one.publication(table), 0)} of {one.rows[table]} rows"
+        yield f"{table}: {one.identity.run} version {one.version}: {rows} are there; publish the run into a new store"
+    if len(wrong) > MOST_NAMED:
+        yield f"{table}: and {len(wrong) - MOST_NAMED} more runs"
+    there = {file.name.removeprefix(f"{table}/"): file.size for file in store.place.listed(table)}
+    bad = [
+        f"{table}/{path}: {'is missing' if path not in there else f'has {there[path]} bytes, the log says {size}'}"
+        for path, size in _files(store.table(table))
+        if there.get(path) != size
+    ]
+    yield from bad[:MOST_NAMED]
+    if len(bad) > MOST_NAMED:
+        yield f"{table}: and {len(bad) - MOST_NAMED} more files"
+
+
+def _files(table: DeltaTable) -> Iterator[tuple[str, int]]:
+    """Yield path and size of each file of a table."""
+    files = actions_of(table)
+    return ((unquote(path), size) for path, size in zip(*(files[name].to_pylist() for name in ("path", "size_bytes")), strict=True))
+
+
+def _twice(entries: list[Published]) -> Iterator[str]:
+    counts = Counter((one.identity.run, one.version) for one in entries)
+    yield from (f"{RUNS}: {run} version {version} is there {count} times" for (run, version), count in counts.items() if count > 1)
+
+
+def compact(place: Place) -> dict[str, tuple[int, int]]:
+    """Join small files of each table and partition; return how many files were replaced by how many. Raises `RecordError`.
+
+    May run beside publishers. The files that were replaced stay until `vacuum`.
+    """
+    expect_library()
+    found = {}
+    for name in TABLES:
+        report: dict[str, int] = {}
+        if not committed(place, lambda name=name, report=report: report.update(_compacted(place, name))):  # type: ignore[misc]
+            raise RecordError(f"{place}: {name} changed meanwhile; compact it again")
+        found[name] = report["numFilesRemoved"], report["numFilesAdded"]
+    return found
+
+
+def _compacted(place: Place, name: str) -> dict[str, int]:
+    table = Store(place).table(name)
+    return dict(table.optimize.compact(max_concurrent_tasks=1, writer_properties=writer(), commit_properties=properties()))
+
+
+def vacuum(place: Place, days: float = LEAST_DAYS) -> dict[str, int]:
+    """Delete files that no version of the last `days` needs; return the number for each table. Raises `RecordError`.
+
+    Raises `UsageError` for less than seven days, and beside a publisher: its files are in no version yet.
+    """
+    if days < LEAST_DAYS:
+        raise UsageError(f"--days {days:g}: must be {LEAST_DAYS} or more: readers and publishers may still use younger files")
+    expect_library()
+    at_work = live(place)
+    if at_work:
+        raise UsageError(f"{place}: a publisher is at work ({at_work[0]}); nothing was deleted. Try again when it has ended")
+    return {name: _vacuumed(place, name, days) for name in TABLES}
+
+
+def _vacuumed(place: Place, name: str, days: float) -> int:
+    table = Store(place).table(name)
+    with explained(place.url):
+        return len(table.vacuum(retention_hours=round(days * 24), dry_run=False, full=True))
+
+
+def _hours(span: timedelta) -> str:
+    return f"{span.total_seconds() / 3600:g} h"

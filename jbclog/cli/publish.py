@@ -1,0 +1,95 @@
+"""`jbclog publish`: sealed runs into a plant's store."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import typer
+
+from jbclog.cli.options import NO_FOLDER, is_folder
+from jbclog.cli.output import echo, echo_json, note, reports_errors
+from jbclog.core.errors import UsageError
+from jbclog.core.outcome import Exit
+
+if TYPE_CHECKING:
+    from jbclog.app.publish.folder import Follower, Skipped
+    from jbclog.app.publish.publisher import Outcome
+
+NICENESS: Final = 10
+LOOK_EVERY_S: Final = 5.0
+
+
+@reports_errors
+def publish(
+    path: Path = typer.Argument(..., metavar="RUN|DIR", help="Sealed run, or folder of runs.", show_default=False),
+    store: Path = typer.Argument(..., metavar="STORE", help="Folder, network share, or s3://BUCKET/PATH.", show_default=False),
+    follow: bool = typer.Option(False, "--follow", help="Keep publishing what is sealed or annotated in DIR, until Ctrl-C."),
+    as_json: bool = typer.Option(False, "--json", help="Print one JSON object per run."),
+) -> None:
+    """Publish sealed runs into a plant's store.
+
+    The store is a set of Delta Lake tables, which pandas, DuckDB, Polars and Spark read without jbclog. A run is checked first, and
+    published once and whole: publishing it again changes nothing; after an annotation it adds a version. Several computers may
+    publish at the same time. Refuses a place where one could overwrite another's commit. Credentials of S3 come from the
+    environment (AWS_ACCESS_KEY_ID and others). Exit code 4: a run was refused.
+
+    \b
+    Example:
+      jbclog publish runs /srv/plant
+    """
+    if not is_folder(path):
+        raise UsageError(NO_FOLDER.format(path))
+    from jbclog.analysis.store.place import expect_library, place_of
+
+    place = place_of(store)
+    expect_library()
+    from jbclog.app.publish.folder import Follower, publish_all
+    from jbclog.app.publish.publisher import Publisher
+
+    os.nice(NICENESS)  # where the processors are busy, the recorder comes first
+    with Publisher(place) as publisher:
+        if follow:
+            _follow(Follower(publisher, path), as_json=as_json)
+        refused = 0 if follow else _print(publish_all(publisher, path), as_json=as_json)
+    if refused:
+        raise typer.Exit(Exit.RECORD)
+
+
+def _follow(follower: Follower, *, as_json: bool) -> None:
+    """Publish until SIGINT, which is the normal end."""
+    note("publishing what is sealed; Ctrl-C ends it")
+    try:
+        while True:
+            _print(follower.poll(), as_json=as_json)
+            time.sleep(LOOK_EVERY_S)
+    except KeyboardInterrupt:
+        raise typer.Exit(Exit.FINE) from None
+
+
+def _print(those: Iterable[Outcome | Skipped], *, as_json: bool) -> int:
+    """Print what became of each run; return how many were refused."""
+    from jbclog.app.publish.folder import Skipped
+
+    refused = 0
+    for one in those:
+        if isinstance(one, Skipped):
+            refused += not one.is_open
+            note(str(one))
+        elif not as_json:
+            echo(str(one))
+        if as_json:
+            echo_json(_facts(one))
+    return refused
+
+
+def _facts(one: Outcome | Skipped) -> dict[str, object]:
+    from jbclog.app.publish.folder import Skipped
+
+    if isinstance(one, Skipped):
+        return {"run": str(one.folder), "result": "skipped" if one.is_open else "refused", "version": None, "why": str(one)}
+    return {**asdict(one), "why": None}
