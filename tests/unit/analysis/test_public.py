@@ -11,7 +11,7 @@ def test_every_public_name_is_there_and_lives_where_it_says() -> None:
     assert dir(jbclog) == sorted(jbclog.__all__)
     for name in jbclog.__all__:
         assert getattr(jbclog, name) is not None
-    assert jbclog.open_run.__module__ == "jbclog.analysis.run"
+    assert jbclog.open_run.__module__ == "jbclog.analysis.opening"
     assert issubclass(jbclog.RecordError, jbclog.JbclogError)
 
 
