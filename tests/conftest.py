@@ -30,6 +30,8 @@ settings.load_profile("unhurried")
 sys.dont_write_bytecode = False  # each worker, and each of hundreds of processes that tests start, would compile all anew
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+os.environ["JBCLOG_NO_METRICS"] = "1"  # hundreds of runs, each with a process of pandas after it; tests of that switch it on
+os.environ["XDG_CACHE_HOME"] = tempfile.mkdtemp(prefix="jbclog-tests-cache-")
 os.environ["XDG_STATE_HOME"] = tempfile.mkdtemp(prefix="jbclog-tests-")  # leases that tests leave open are not the user's
 
 
@@ -47,7 +49,8 @@ for of_the_terminal in (signal.SIGINT, signal.SIGQUIT, signal.SIGHUP):
 
 NO_SKIP = bool(os.environ.get("JBCLOG_NO_SKIP"))
 
-atexit.register(shutil.rmtree, os.environ["XDG_STATE_HOME"], ignore_errors=True)
+for home in ("XDG_CACHE_HOME", "XDG_STATE_HOME"):
+    atexit.register(shutil.rmtree, os.environ[home], ignore_errors=True)
 
 
 @pytest.hookimpl(wrapper=True)

@@ -80,6 +80,11 @@ def metric_rows_of(run: RunTables, station: str | None = None) -> list[MetricRow
         stored = None
     if stored is not None:
         return [row for row in stored if station in (None, row.station)]
+    return computed_metrics(run, station)
+
+
+def computed_metrics(run: RunTables, station: str | None = None) -> list[MetricRow]:
+    """Return the rows of `metrics_of`, computed from the samples whatever is stored."""
     return [row for port in _measured(run, station) for row in port.metric_rows()]
 
 

@@ -9,12 +9,12 @@ for piece in runs.samples(columns=["time", "station", "port", "temperature_c"]):
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from math import isclose
 from pathlib import Path
-from typing import Final, TypeVar, overload
+from typing import Final, Protocol, TypeVar, overload
 
 import pandas as pd
 import pyarrow as pa
@@ -22,10 +22,10 @@ import pyarrow as pa
 from jbclog.analysis.notebook_html import runs_html
 from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.run_tables import Moment, utc
-from jbclog.analysis.stored_tables import JOINTS_SCHEMA, MetricRow, metric_table, stored_metrics
+from jbclog.analysis.stored_tables import JOINTS_SCHEMA, METRIC_NAMES, MetricRow, cached_metrics, metric_table, stored_metrics
 from jbclog.core.errors import RecordError, UsageError, unexpected_error_text
 from jbclog.core.text import shortened
-from jbclog.record.find_runs import SEALED, Filter, Found, Unreadable, find
+from jbclog.record.find_runs import ALL, SEALED, Filter, Found, Unreadable, find
 from jbclog.record.manifest import manifest_sha256
 
 T = TypeVar("T")
@@ -38,6 +38,49 @@ COLUMNS: Final = ("run", *TIMES, *TEXTS[1:], "exit_code", *LISTS, "tags", "folde
 WHAT_A_RATE_CHANGES: Final = "results (joints, recovery, dips, alarm episodes, energy) depend on the sampling rate"
 
 
+class Source(Protocol):
+    """Where `Runs` find their runs, and the metrics of one."""
+
+    def find(self, folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
+        """Yield the matching runs, as `find_runs.find` does."""
+        ...
+
+    def metrics(self, run: Found, names: Collection[str], station: str | None = None) -> list[MetricRow]:
+        """Return at least the metrics `names` of a run, of one station or of all. Raises `RecordError`."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Records:
+    """The runs' own folders. Of metrics, `stored` reads those of a report, and `cache` those that the recorder left."""
+
+    stored: bool = True
+    cache: bool = False
+
+    def find(self, folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
+        return find(folder, wanted)
+
+    def metrics(self, run: Found, names: Collection[str], station: str | None = None) -> list[MetricRow]:
+        known = self._known(run)
+        if known is not None:
+            return [row for row in known if station in (None, row.station)]
+        from jbclog.analysis.run_metrics import computed_metrics, metric_rows_of
+
+        return (metric_rows_of if self.stored else computed_metrics)(open_run(run.folder), station)
+
+    def _known(self, run: Found) -> list[MetricRow] | None:
+        """Return what is stored, without parsing the manifest again where it is still the one that was found."""
+        if run.state != SEALED or run.changed is not None or not (self.stored or self.cache):
+            return None
+        if manifest_sha256(run.folder) != run.manifest_sha256:
+            return None
+        known = stored_metrics(run.folder, run.manifest_sha256) if self.stored else None
+        return cached_metrics(run.folder, run.manifest_sha256) if known is None and self.cache else known
+
+
+RECORDS: Final = Records()
+
+
 class Runs(Sequence[Run]):
     """The runs that match a filter, in the order of their starts. Reads manifests at first use, and tables at each call.
 
@@ -45,15 +88,16 @@ class Runs(Sequence[Run]):
     read. `refreshed()` searches again.
     """
 
-    def __init__(self, folder: Path, wanted: Filter) -> None:
+    def __init__(self, folder: Path, wanted: Filter, source: Source = RECORDS) -> None:
         self.folder = folder
         self.wanted = wanted
+        self.source = source
 
     @cached_property
     def _search(self) -> tuple[list[Found], list[Unreadable]]:
         found: list[Found] = []
         unreadable: list[Unreadable] = []
-        for one in find(self.folder, self.wanted):
+        for one in self.source.find(self.folder, self.wanted):
             (found if isinstance(one, Found) else unreadable).append(one)  # type: ignore[arg-type]  # the list of its type
         return found, unreadable
 
@@ -69,7 +113,11 @@ class Runs(Sequence[Run]):
 
     def refreshed(self) -> Runs:
         """Return the runs that match now."""
-        return Runs(self.folder, self.wanted)
+        return self.through(self.source)
+
+    def through(self, source: Source) -> Runs:
+        """Return the runs that match now, found and measured by `source`."""
+        return Runs(self.folder, self.wanted, source)
 
     def __len__(self) -> int:
         return len(self.found)
@@ -136,9 +184,11 @@ class Runs(Sequence[Run]):
         table = metric_table([row for _, rows in found for row in rows])
         return _with_runs(table, [(one, len(rows)) for one, rows in found])
 
-    def metric_rows(self, station: str | None = None) -> Iterator[tuple[Found, list[MetricRow]]]:
-        """Yield each run that can be read with its rows of `metrics`."""
-        return self.each(lambda one: self._metric_rows(one, station))
+    def metric_rows(
+        self, station: str | None = None, names: Collection[str] | None = None
+    ) -> Iterator[tuple[Found, list[MetricRow]]]:
+        """Yield each run that can be read with its rows of `metrics`, at least those of `names`."""
+        return self.each(lambda one: self.source.metrics(one, METRIC_NAMES if names is None else names, station))
 
     def each(self, read: Callable[[Found], T]) -> Iterator[tuple[Found, T]]:
         """Yield each run with what `read` returns for it. A run that cannot be read blocks no other: it is in `unreadable`."""
@@ -158,7 +208,7 @@ class Runs(Sequence[Run]):
                 yield one, read_here
 
     def _metric_rows(self, found: Found, station: str | None) -> list[MetricRow]:
-        return _metric_rows(found, station)
+        return self.source.metrics(found, METRIC_NAMES, station)
 
     def _add_unreadable(self, folder: Path, why: str) -> None:
         one = Unreadable(folder, shortened(why.removeprefix(f"{folder}: "), MOST_SAID))
@@ -182,17 +232,6 @@ def _with_runs(table: pd.DataFrame, counts: Sequence[tuple[Found, int]]) -> pd.D
     table.insert(0, "started", pd.to_datetime(started, utc=True, format="ISO8601").astype("datetime64[us, UTC]"))
     table.insert(0, "run", names)
     return table
-
-
-def _metric_rows(found: Found, station: str | None) -> list[MetricRow]:
-    """Return the metrics of a run, without parsing its manifest again where it is still the one that was found."""
-    if found.state == SEALED and found.changed is None and manifest_sha256(found.folder) == found.manifest_sha256:
-        stored = stored_metrics(found.folder, found.manifest_sha256)
-        if stored is not None:
-            return [row for row in stored if station in (None, row.station)]
-    from jbclog.analysis.run_metrics import metric_rows_of
-
-    return metric_rows_of(open_run(found.folder), station)
 
 
 def open_runs(

@@ -1,28 +1,35 @@
-"""The tables that `jbclog report` stores with a run: joints in `joints.parquet`, metrics in `report.json`.
+"""The tables that are stored with a run: joints in `joints.parquet`, metrics in `report.json` and in a cache of their own.
 
 They save a pass over the samples, but only if they are this run's: the joints name the manifest that they were made from, and the
 report names manifest, jbclog and rules. An annotation must hold the hash of `report.json`, and that the hash of `joints.parquet`.
+
+After a run its recorder leaves all metrics in `metrics.parquet`, a cache for trends that names manifest, rules and methods. Nothing
+vouches for it: whoever can write the folder can forge it. So `trend` reads it and nothing else does.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from hashlib import file_digest, sha256
 from pathlib import Path
 from typing import Final
 
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from jbclog import __version__
+from jbclog.analysis.metrics.definitions import DEFINITIONS, METHODS
 from jbclog.analysis.verdict import RULES
+from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, open_foreign, read_foreign
+from jbclog.core.foreign.files import Kind, expect_regular, open_foreign, read_foreign
 from jbclog.core.foreign.json_reader import decoder
 from jbclog.core.foreign.tables import read_small
 from jbclog.record.annotations import read as read_annotations
+from jbclog.record.folder import METRICS_CACHE
 from jbclog.record.schema import FLAG, FLOAT, INT, TEXT, TIME
 
 REPORT_FILE: Final = "report.json"
@@ -147,6 +154,60 @@ def stored_metrics(folder: Path, manifest_sha256: str) -> list[MetricRow] | None
         return None
     is_ours = (report.manifest_sha256, report.jbclog, report.rules) == (manifest_sha256, __version__, RULES)
     return report.metrics if is_ours else None
+
+
+METRICS_SCHEMA: Final = pa.schema(
+    [
+        *(pa.field(name, kind, nullable=False) for name, kind in (("station", TEXT), ("port", INT), ("metric", TEXT))),
+        *(pa.field("value", FLOAT), pa.field("unit", TEXT, nullable=False), pa.field("n", INT, nullable=False)),
+        *(pa.field("coverage", FLOAT), pa.field("resolution", FLOAT), pa.field("why", TEXT)),
+    ]
+)
+"""The columns of `metrics.parquet`, in the order of `MetricRow`."""
+BY: Final = b"jbclog.methods"
+SUM: Final = b"jbclog.rows_sha256"
+METRIC_NAMES: Final = tuple(one.name for one in DEFINITIONS)
+METHODS_TEXT: Final = f"rules {RULES}, methods {METHODS}"
+"""What computes metrics now. A cache by another one is not used."""
+
+
+def cache_metrics(folder: Path, rows: Sequence[MetricRow], manifest_sha256: str) -> None:
+    """Write the cache of all metrics of a sealed run into its folder. Raises OSError."""
+    table = pa.Table.from_pylist([asdict(row) for row in rows], schema=METRICS_SCHEMA)
+    sink = pa.BufferOutputStream()
+    made_from = _made_from(manifest_sha256, _rows_of(table))
+    pq.write_table(table.replace_schema_metadata(made_from), sink, compression="zstd", write_statistics=False)
+    write_whole(folder / METRICS_CACHE, bytes(sink.getvalue().to_pybytes()))
+
+
+def _made_from(manifest_sha256: str, rows: Sequence[MetricRow]) -> dict[bytes, bytes]:
+    """Return what the cache's metadata must be; its check sum shows damage, not forgery."""
+    return {MADE_FROM: manifest_sha256.encode(), BY: METHODS_TEXT.encode(), SUM: sha256(repr(rows).encode()).hexdigest().encode()}
+
+
+def _rows_of(table: pa.Table) -> list[MetricRow]:
+    return [MetricRow(*row) for row in zip(*(column.to_pylist() for column in table.columns), strict=True)]
+
+
+def cached_metrics(folder: Path, manifest_sha256: str) -> list[MetricRow] | None:
+    """Return all metrics of the run from its cache; None if that is missing, damaged, or of another manifest or other methods."""
+    path = folder / METRICS_CACHE
+    try:
+        expect_regular(path, Kind.CACHE)
+        table = read_small(path)
+    except (pa.ArrowException, OSError, ValueError):
+        return None
+    if not table.schema.equals(METRICS_SCHEMA) or not _is_complete(table):
+        return None
+    rows = _rows_of(table)
+    return rows if _made_from(manifest_sha256, rows).items() <= (table.schema.metadata or {}).items() else None
+
+
+def _is_complete(table: pa.Table) -> bool:
+    """Whether it has all metrics of each port in their order, each with a value or the reason why it has none."""
+    has_neither = pc.and_(pc.is_null(table["value"]), pc.is_null(table["why"]))
+    is_whole = len(table) > 0 and table["metric"].to_pylist() == [*METRIC_NAMES] * (len(table) // len(METRIC_NAMES))
+    return is_whole and not pc.any(has_neither).as_py()
 
 
 def metric_table(rows: Sequence[MetricRow]) -> pd.DataFrame:

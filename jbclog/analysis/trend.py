@@ -132,18 +132,20 @@ def trends(
 def _points(runs: Runs, metric: str, station: str | None) -> dict[tuple[str, int], list[Point]]:
     """Return the points of each station and port, in the order of their runs' starts."""
     found: dict[tuple[str, int], list[Point]] = {}
-    for run, rows in sorted(runs.metric_rows(station), key=lambda one: (_started(one[0]) or LATEST, one[0].folder.name)):
+    names = {metric, SPREAD} if metric in MEANS else {metric}
+    measured = [(_started(run), run, rows) for run, rows in runs.metric_rows(station, names)]
+    for started, run, rows in sorted(measured, key=lambda one: (one[0] or LATEST, one[1].folder.name)):
         dithered = _dithered(rows) if metric in MEANS else set()
         for row in (row for row in rows if row.metric == metric):
             place = row.station, row.port
-            found.setdefault(place, []).append(_point(run, row, is_dithered=place in dithered))
+            found.setdefault(place, []).append(_point(run, started, row, is_dithered=place in dithered))
     return found
 
 
-def _point(run: Found, row: MetricRow, *, is_dithered: bool) -> Point:
+def _point(run: Found, started: datetime | None, row: MetricRow, *, is_dithered: bool) -> Point:
     step = row.resolution
     resolution = step / sqrt(row.n) if step is not None and is_dithered and row.n > 0 else step
-    return Point(run.folder.name, _started(run), row.value, row.n, row.coverage, resolution, row.why)
+    return Point(run.folder.name, started, row.value, row.n, row.coverage, resolution, row.why)
 
 
 def _dithered(rows: Iterable[MetricRow]) -> set[tuple[str, int]]:

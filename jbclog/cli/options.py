@@ -113,6 +113,7 @@ class Color(StrEnum):
 
 
 COLOR = typer.Option(Color.AUTO, "--color", metavar="auto|always|never", help="Colour events by severity.")
+NO_CACHE = typer.Option(False, "--no-cache", help="Read and compute everything anew, without index and caches.")
 AS_JSON = typer.Option(False, "--json", help="Print one JSON object.")
 
 LONGEST_TEXT = 200

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from functools import wraps
+from itertools import zip_longest
 from typing import TYPE_CHECKING, ParamSpec
 
 import typer
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 P = ParamSpec("P")
 INTERNAL_ERROR = 1
-WIDEST = 100_000  # of a table: complete in pipes and mails
+GAP = 2  # cells between two columns
 MOST_SHOWN = 10_000  # characters of a line or cell; --json has all of it
 
 
@@ -62,24 +63,28 @@ def echo_table(heads: Sequence[str], rows: Iterable[Sequence[str]], *, cut: int 
 
 
 def table_lines(heads: Sequence[str], rows: Iterable[Sequence[str]], *, cut: int | None = None) -> list[str]:
-    """Return a table without borders, a line a row; a column but the last is at most `cut` cells wide."""
-    from io import StringIO
+    """Return a table without borders, a line a row; a column but the last is at most `cut` cells wide.
 
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
+    rich draws the same and takes 1 ms a row.
+    """
+    columns = [*zip_longest(*([heads] if heads else []), *([shown(cell) for cell in row] for row in rows), fillvalue="")]
+    if cut is not None:
+        columns[:-1] = [tuple(_cut(cell, cut) for cell in column) for column in columns[:-1]]
+    return ["".join(row).rstrip() for row in zip(*(_padded(column) for column in columns), strict=True)]
 
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=bool(heads))
-    cells = [[Text(shown(cell)) for cell in row] for row in rows]
-    for place in range(len(heads) or max(map(len, cells), default=0)):
-        is_last = place == (len(heads) or len(cells[0])) - 1
-        head = Text(heads[place]) if heads else ""
-        table.add_column(head, no_wrap=True, overflow="ellipsis", max_width=None if is_last else cut)
-    for row in cells:
-        table.add_row(*row)
-    text = StringIO()
-    Console(file=text, width=WIDEST, no_color=True).print(table, soft_wrap=True)
-    return [line.rstrip() for line in text.getvalue().split("\n")[:-1]]
+
+def _padded(column: Sequence[str]) -> list[str]:
+    from rich.cells import cell_len
+
+    lengths = [cell_len(cell) for cell in column]
+    width = max(lengths) + GAP
+    return [cell + " " * (width - length) for cell, length in zip(column, lengths, strict=True)]
+
+
+def _cut(cell: str, most: int) -> str:
+    from rich.cells import cell_len, set_cell_size
+
+    return cell if cell_len(cell) <= most else set_cell_size(cell, most - 1) + "…"
 
 
 def _echo(lines: list[str], *, err: bool) -> None:

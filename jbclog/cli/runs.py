@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
+from contextlib import nullcontext
+from dataclasses import fields
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -48,6 +49,7 @@ def runs(
     ),
     since: str | None = typer.Option(None, metavar="TIME", help="Earliest start: 2026-11-21 or 2026-11-21T08:00, UTC."),
     until: str | None = typer.Option(None, metavar="TIME", help="Latest start, UTC; a day is included."),
+    no_cache: bool = options.NO_CACHE,
     as_json: bool = typer.Option(False, "--json", help="Print one JSON object per run."),
 ) -> None:
     """Find runs by operator, order, unit, time, verdict and more.
@@ -61,6 +63,7 @@ def runs(
     Example:
       jbclog runs runs --order "881*" --since 2026-11-01 --verdict REJECT
     """
+    from jbclog.app.index.run_index import run_index
     from jbclog.record.find_runs import Filter, find
 
     if not is_folder(folder):
@@ -84,7 +87,9 @@ def runs(
         since=moment("--since", since),
         until=moment("--until", until, is_end=True),
     )
-    _print(find(folder, wanted), folder, unit=unit, is_sought=wanted != Filter(), as_json=as_json)
+    with nullcontext() if no_cache else run_index() as index:
+        those = find(folder, wanted) if index is None else index.find(folder, wanted)
+        _print(those, folder, unit=unit, is_sought=wanted != Filter(), as_json=as_json)
 
 
 def _expect_word(option: str, text: str | None, words: Sequence[str], more: Sequence[str] = ()) -> None:
@@ -126,8 +131,7 @@ def _print(those: Iterable[Found | Unreadable], folder: Path, *, unit: str | Non
 
 def facts(run: Found) -> dict[str, object]:
     """Return a run as JSON data; `run` is its folder."""
-    known = asdict(run)
-    del known["folder"], known["manifest_sha256"]
+    known = {one.name: getattr(run, one.name) for one in fields(run) if one.name not in ("folder", "manifest_sha256")}
     return {"run": str(run.folder), **known, "shown_state": run.shown_state}
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
+from jbclog.cli import options
 from jbclog.cli.options import NO_FOLDER, expect_file_place, is_folder
 from jbclog.cli.output import echo, echo_json, echo_table, note, note_unreadable, reports_errors
 from jbclog.core.errors import RecordError, UsageError
@@ -35,6 +37,7 @@ def trend(
     until: str | None = typer.Option(None, metavar="TIME", help="Latest start, UTC; a day is included."),
     plot: Path | None = typer.Option(None, "--plot", metavar="FILE", help="Chart file: .png, .svg or .pdf."),
     html: Path | None = typer.Option(None, "--html", metavar="FILE", help="HTML page with chart and table."),
+    no_cache: bool = options.NO_CACHE,
     as_json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """Show a metric over many runs: control chart, capability.
@@ -53,10 +56,13 @@ def trend(
     _expect_picture(plot)
     for option, path in (("--plot", plot), ("--html", html)):
         expect_file_place(option, path)
+    from jbclog.analysis.runs import Records
     from jbclog.analysis.trend import trends
+    from jbclog.app.index.run_index import run_index
 
-    runs = _runs(folder, line, recipe, product, order, since, until)
-    found = trends(runs, metric, station, port, lower, upper)
+    with nullcontext(Records(stored=False)) if no_cache else run_index() as source:
+        runs = _runs(folder, line, recipe, product, order, since, until).through(source)
+        found = trends(runs, metric, station, port, lower, upper)
     note_unreadable(runs)
     _print(found, runs, metric, as_json=as_json)
     if plot is not None or html is not None:

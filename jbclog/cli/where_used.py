@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
+from jbclog.cli import options
 from jbclog.cli.options import NO_FOLDER, is_folder
 from jbclog.cli.output import echo_json, echo_table, note, reports_errors
 from jbclog.core.errors import UsageError
@@ -27,6 +29,7 @@ def where_used(
     since: str | None = typer.Option(
         None, metavar="TIME", help="Day or time, UTC; default: the last passed verification.", show_default=False
     ),
+    no_cache: bool = options.NO_CACHE,
     as_json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
     """List the runs that used a tip since its last pass.
@@ -38,12 +41,15 @@ def where_used(
     Example:
       jbclog where-used --station dde-1 --port 1
     """
+    from jbclog.app.index.run_index import run_index
     from jbclog.cli.runs import moment
     from jbclog.maintenance.suspect_runs import where_used as suspects
+    from jbclog.record.find_runs import find
 
     if not is_folder(folder):
         raise UsageError(NO_FOLDER.format(folder))
-    found = suspects(folder, station, port, tip, moment("--since", since))
+    with nullcontext() if no_cache else run_index() as index:
+        found = suspects(folder, station, port, tip, moment("--since", since), find if index is None else index.find)
     if as_json:
         echo_json(facts(found))
     else:

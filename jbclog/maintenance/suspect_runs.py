@@ -9,15 +9,18 @@ Unreadable runs are listed separately: they may be suspect, too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.maintenance.verification import Book, Result, Verification, read_book
-from jbclog.record.find_runs import Found, Unreadable, find
+from jbclog.record.find_runs import Found, Unreadable, find, summary_of
 from jbclog.record.manifest import read_manifest
+
+Search = Callable[[Path], Iterable[Found | Unreadable]]
+"""Finds the runs below a folder."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,24 +50,32 @@ class Suspect:
     wrong: list[tuple[int, str]] = field(default_factory=list)
 
 
-def where_used(out: Path, station: str, port: int | None = None, tip: str | None = None, since: datetime | None = None) -> Suspect:
+def where_used(
+    out: Path,
+    station: str,
+    port: int | None = None,
+    tip: str | None = None,
+    since: datetime | None = None,
+    search: Search = find,
+) -> Suspect:
     """Return the runs below `out` that used a tip of `station` since the last passed verification, or since `since`.
 
+    `search` finds the runs; the manifest of each that is named is read and hashed again.
     Raises `RecordError` if the folder or the file of verifications cannot be read, `UsageError` for an unknown station, as a
     mistyped name would have no suspect runs.
     """
     book = read_book(out)
-    _expect_known(out, book, station)
+    _expect_known(search(out), out, book, station)
     window = _window(book, station, port, tip, since)
     if window.bad is None and since is None:
         return window
     if tip is None and window.bad is not None and since is None:
         tip = window.bad.tip
-    for run in find(out):  # without a filter, as an unreadable run may be suspect
+    for found in search(out):  # without a filter, as an unreadable run may be suspect
+        run = summary_of(found.folder) if isinstance(found, Found) and _is_suspect(found, station, window) else found
         if isinstance(run, Unreadable):
             window.unreadable.append(run)
-            continue
-        if station in run.stations and _was_on(run, window):
+        elif run is not None and _is_suspect(run, station, window):
             try:
                 window.runs.extend(_used(run, station, port, tip))
             except RecordError as error:
@@ -72,11 +83,15 @@ def where_used(out: Path, station: str, port: int | None = None, tip: str | None
     return window
 
 
-def _expect_known(out: Path, book: Book, station: str) -> None:
+def _is_suspect(run: Found, station: str, window: Suspect) -> bool:
+    return station in run.stations and _was_on(run, window)
+
+
+def _expect_known(runs: Iterable[Found | Unreadable], out: Path, book: Book, station: str) -> None:
     names: set[str] = {one.station for one in book.all}
     if station in names or book.wrong:
         return
-    for run in find(out):
+    for run in runs:
         if isinstance(run, Unreadable) or station in run.stations:
             return  # an unreadable run may be of this station
         names.update(run.stations)

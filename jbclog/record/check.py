@@ -27,7 +27,7 @@ from jbclog.record import capture, chains, conclude, guard_actions, report_repea
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import REPORT, Annotations, read, units_of
 from jbclog.record.chains import broken_links, is_head, short_head
-from jbclog.record.conclude import files_of, is_later, is_of_report, live_files, sealed_file
+from jbclog.record.conclude import CACHES, files_of, is_later, is_of_report, live_files, sealed_file
 from jbclog.record.guard_actions import plain_events
 from jbclog.record.ledger import disagreements, ledger_of, reasons_of
 from jbclog.record.manifest import NAME, Manifest, RunState, SealedFile, has_digest, manifest_sha256, read_manifest, wrong_digest
@@ -64,6 +64,9 @@ def uncovered(folder: Path, head: str | None) -> Iterator[tuple[str, str]]:
         yield NAME, "has no digest (first release): only --head reveals a change"
     if os.path.lexists(folder / guard_actions.LEASE):
         yield guard_actions.LEASE, "only the names of its stations are compared; `jbclog safe` removes it when their tools are safe"
+    for name in CACHES:
+        if os.path.lexists(folder / name):
+            yield name, "a cache, never the truth: only `jbclog trend` reads it, and `--no-cache` computes the same from the record"
     report, said = _report(folder), _annotations(folder)[0]
     if report is None:
         return

@@ -27,6 +27,7 @@ from jbclog.core.rows import EventRow, Severity, StationFacts
 from jbclog.record import capture, guard_actions
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import units_of
+from jbclog.record.folder import METRICS_CACHE
 from jbclog.record.ledger import ledger_of
 from jbclog.record.manifest import NAME, Lost, Manifest, RunState, SealedFile, iso, write_manifest
 from jbclog.record.parts import (
@@ -210,8 +211,9 @@ def _new(facts: StationFacts, texts: list[str]) -> list[str]:
 
 NOT_KEPT: Final = "could not be kept while the disk did not take them"
 OF_REPORT: Final = ("report.html", "report.pdf", "report.json", "joints.parquet")
-LATER: Final = (NAME, ANNOTATIONS, guard_actions.LEASE, guard_actions.LOCK)
-"""Files outside the sealed record: the manifest, annotations, and the lease and lock of tools left hot."""
+CACHES: Final = (METRICS_CACHE, f".{METRICS_CACHE}.tmp")  # the second: its writer was killed
+LATER: Final = (NAME, ANNOTATIONS, guard_actions.LEASE, guard_actions.LOCK, *CACHES)
+"""Files outside the sealed record: the manifest, annotations, the lease and lock of tools left hot, and the cache of metrics."""
 MADE: Final = (("figures/", ".svg"), ("tables/", ".csv"))  # folders of a report, and their files' suffixes
 
 TAKEN_IN: Final = ("line.toml", "recipes", capture.FOLDER, guard_actions.ACTION_LOG, DAMAGE_NOTES, REMAINS)

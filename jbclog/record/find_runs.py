@@ -204,7 +204,7 @@ def ending(exit_status: str | None, state: str) -> str:
 
 def find(folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
     """Yield the matching runs directly below `folder`, or `folder` itself if it is one. Raises RecordError if it cannot be read."""
-    for path in _runs_in(folder):
+    for path in runs_in(folder):
         if wanted.may_have(path):
             run = summary_of(path, wanted)
             if isinstance(run, Unreadable) or (run is not None and wanted.fits(run)):
@@ -265,19 +265,20 @@ def _found(folder: Path, summary: _Summary, changed: str | None, sha256: str) ->
     )
 
 
-def _runs_in(folder: Path) -> list[Path]:
+def runs_in(folder: Path) -> list[Path]:
+    """Return the runs' folders directly below `folder` by their names, or `folder` itself if it is one. Raises RecordError."""
     expect_answer(folder)
     try:
         if RUN_NAME.fullmatch(Path(os.path.realpath(folder)).name) or (folder / NAME).exists():
             return [folder]
-        return sorted(path for path in folder.iterdir() if _is_run(path))
+        return [folder / name for name in sorted(os.listdir(folder)) if _is_run(folder, name)]  # noqa: PTH208  # of 10 000 runs
     except OSError as error:
         raise RecordError(f"{folder} cannot be read: {error.strerror or error}") from error
 
 
-def _is_run(path: Path) -> bool:
+def _is_run(home: Path, name: str) -> bool:
     """Whether it is a run's folder, by its name or, if renamed, by its content."""
-    return bool(RUN_NAME.fullmatch(path.name)) or (path / NAME).exists()
+    return bool(RUN_NAME.fullmatch(name)) or (home / name / NAME).exists()
 
 
 def _fits(sought: str, texts: Iterable[str | None]) -> bool:

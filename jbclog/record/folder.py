@@ -17,6 +17,7 @@ from jbclog.core.foreign.files import Kind, NotReadable, expect_answer, read_for
 from jbclog.core.rows import StationFacts
 
 FOLDER: Final = "recipes"
+METRICS_CACHE: Final = "metrics.parquet"  # beside the record, after it was sealed; never a part of it
 
 
 def recipe_copy(folder: Path, file: str) -> Path:

@@ -25,6 +25,9 @@ class Definition:
     of: tuple[str, ...] = ("tip", "air")
 
 
+METHODS: Final = 1
+"""The version of the metrics. Raise it whenever a record gives another figure or reason: no cache of an older one is used then."""
+
 TIP, FEEDER = ("tip",), ("feeder",)
 _EACH = "Median over the joints that have it."
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from functools import cached_property
 from hashlib import sha256
 from pathlib import Path, PurePosixPath
@@ -20,7 +20,7 @@ import pyarrow.compute as pc
 from jbclog.analysis.run import Run
 from jbclog.analysis.run_metrics import metric_rows_of
 from jbclog.analysis.run_tables import Selection, arrow_time
-from jbclog.analysis.runs import Runs
+from jbclog.analysis.runs import Runs, Source
 from jbclog.analysis.store.place import Place
 from jbclog.analysis.store.reader import Published, Store, metric_rows
 from jbclog.analysis.store.schema import OWN
@@ -106,7 +106,13 @@ class StoredRuns(Runs):
         """Return the run that was found."""
         return StoredRun(self._store, self._published[one.folder.name])
 
-    def metric_rows(self, station: str | None = None) -> Iterator[tuple[Found, list[MetricRow]]]:
+    def through(self, source: Source) -> StoredRuns:
+        """Return the same: a store is its own source."""
+        return self
+
+    def metric_rows(
+        self, station: str | None = None, names: Collection[str] | None = None
+    ) -> Iterator[tuple[Found, list[MetricRow]]]:
         """Yield each run with its rows of `metrics`, from one pass over the table."""
         current = [one for one in self._published.values() if one.identity.rules == RULES]
         table = metric_rows(self._store, current, station)

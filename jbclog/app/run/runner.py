@@ -19,6 +19,7 @@ from pathlib import Path
 
 from jbclog import __version__
 from jbclog.app.run.goals import Goals
+from jbclog.app.run.metrics_cache import start_metrics
 from jbclog.app.run.plan import Plan, RunOptions, make_plan
 from jbclog.app.run.run_record import Observer, Result, RunRecord
 from jbclog.app.run.unit_feed import LOOK_EVERY_S as LOOK_FOR_UNITS_S
@@ -382,4 +383,6 @@ def carry_out(
     plan = job.plan()
     planned(plan)
     with cpu_limit():
-        return conduct(plan, job.out, observer, missed=missed, is_last=True, units=units)
+        result = conduct(plan, job.out, observer, missed=missed, is_last=True, units=units)
+    start_metrics(result.folder, result.manifest)
+    return result

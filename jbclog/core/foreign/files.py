@@ -109,6 +109,8 @@ class Kind(StrEnum):
     PART = "a part of a table"
     STORE = "a live store"
     RECORD = "a file of a record"
+    CACHE = "a cache of metrics"
+    INDEX = "an index of runs"
 
 
 LIMITS: Final[Mapping[Kind, int]] = MappingProxyType(
@@ -130,6 +132,8 @@ LIMITS: Final[Mapping[Kind, int]] = MappingProxyType(
         Kind.PART: 4 * GIB,  # an hour of 256 ports at 10 Hz takes 50 MB
         Kind.STORE: 16 * GIB,  # an hour of rows, or the whole disk where sealing fails
         Kind.RECORD: 16 * GIB,
+        Kind.INDEX: 2 * GIB,  # 10 000 runs of three ports take 60 MB
+        Kind.CACHE: 4 * MIB,  # the metrics of 256 ports take 60 kB
     }
 )
 """The maximum size of each kind in bytes. Text kinds are read whole, the others in pieces."""
@@ -200,7 +204,10 @@ def open_foreign(path: Path, kind: Kind, *, links: bool = False) -> BufferedRead
 def read_foreign(path: Path, kind: Kind, *, links: bool = False) -> bytes:
     """Read the regular file at `path`. Raises OSError as `expect_regular` does, also where it grows beyond its limit."""
     with open_foreign(path, kind, links=links) as file:
-        data = file.read(LIMITS[kind] + 1)
+        size = os.fstat(file.fileno()).st_size
+        data = file.read(size + 1)  # a buffer of the limit's size would take longer than the file
+        if len(data) > size:
+            data += file.read(LIMITS[kind] + 1 - len(data))
     if len(data) > LIMITS[kind]:
         raise NotReadable(f"grows while it is read; {kind} has at most {LIMITS[kind]} bytes")
     if kind in LINES and data.count(b"\n") > LINES[kind]:

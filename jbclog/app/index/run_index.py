@@ -1,0 +1,185 @@
+"""Finds runs, and their metrics, through an index in the user's cache folder.
+
+    with run_index() as index:
+        for one in index.find(Path("runs"), Filter(order="88123")):
+            ...  # as `find_runs.find` yields them
+
+An entry belongs to files by their sizes, inodes and times, which are looked at each time; any write changes the time of the last
+change, which nobody can set. Files written just now are not entered, because a second write could leave the same time. A run that
+continues or was cut off, and one that cannot be read, is read each time.
+
+No entry is the truth: `check` and `report` read no index, `where-used` hashes again what it names, and ``--no-cache`` does without.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import time
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from hashlib import blake2b
+from operator import attrgetter, methodcaller
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple, TypeVar, get_type_hints
+
+import msgspec
+
+from jbclog.app.index.index_file import DIGEST, NAME, IndexFile, cache_folder
+from jbclog.record.annotations import NAME as ANNOTATIONS
+from jbclog.record.annotations import REPORT
+from jbclog.record.find_runs import ALL, SEALED, Filter, Found, Unreadable, find, runs_in, summary_of
+from jbclog.record.folder import FOLDER as RECIPES
+from jbclog.record.folder import METRICS_CACHE
+from jbclog.record.manifest import NAME as MANIFEST
+from jbclog.record.schema import TABLES
+
+if TYPE_CHECKING:
+    from jbclog.analysis.stored_tables import MetricRow
+
+OF_METRICS: Final = (MANIFEST, ANNOTATIONS, REPORT, METRICS_CACHE)  # beside the tables and the recipes
+FOUND: Final = "run"  # the kind of entries of runs
+SETTLED_NS: Final = 2_000_000_000  # the coarsest clock of a file system
+_TYPES: Final = {name: kind for name, kind in get_type_hints(Found).items() if name != "folder"}
+_values_of: Final = attrgetter(*_TYPES)
+_read_values: Final = msgspec.msgpack.Decoder(tuple.__class_getitem__(tuple(_TYPES.values())))
+_figures_of: Final = attrgetter("station", "port", "value", "unit", "n", "coverage", "resolution", "why")  # of a `MetricRow`
+_read_figures: Final = msgspec.msgpack.Decoder(
+    list[tuple[str, int, float | None, str, int, float | None, float | None, str | None]]
+)
+T = TypeVar("T")
+
+
+class Look(NamedTuple):
+    """The stamp of some files, and whether a later write is sure to change it."""
+
+    stamp: bytes
+    is_settled: bool
+
+
+class RunIndex:
+    """Runs and their metrics as `Records` reads them, with an index before it. A `Source` of `Runs`."""
+
+    def __init__(self, file: IndexFile) -> None:
+        self._file = file
+        self._places: dict[Path, bytes] = {}
+
+    def find(self, folder: Path, wanted: Filter = ALL) -> Iterator[Found | Unreadable]:
+        """Yield the matching runs as `find_runs.find` does. Raises RecordError."""
+        paths = runs_in(folder)
+        if paths == [folder] or wanted.ended_since is not None:
+            yield from find(folder, wanted)
+            return
+        place = self._place(folder)
+        for path in paths:
+            if wanted.may_have(path):
+                run = self._summary(place, path, wanted)
+                if isinstance(run, Unreadable) or (run is not None and wanted.fits(run)):
+                    yield run
+        self._file.keep_only(place, FOUND, {os.fsencode(path.name) for path in paths})
+
+    def metrics(self, run: Found, names: Collection[str], station: str | None = None) -> list[MetricRow]:
+        """Return at least the metrics `names` of a run, as `Records` gives them. Raises `RecordError`."""
+        from jbclog.analysis.runs import Records
+        from jbclog.analysis.stored_tables import METRIC_NAMES
+
+        seen = _look_at_record(run.folder) if run.state == SEALED else None
+        records = Records(cache=True)
+        if seen is None:
+            return records.metrics(run, names, station)
+        place, name = self._place(run.folder.parent), os.fsencode(run.folder.name)
+        rows = self._metrics(place, name, seen.stamp, names)
+        if rows is None:
+            rows = records.metrics(run, METRIC_NAMES)
+            if seen.is_settled:
+                self._put_metrics(place, name, seen.stamp, rows)
+        return [row for row in rows if station in (None, row.station)]
+
+    def _put_metrics(self, place: bytes, run: bytes, stamp: bytes, rows: Iterable[MetricRow]) -> None:
+        from jbclog.analysis.stored_tables import METRIC_NAMES
+
+        figures: dict[str, list[object]] = {metric: [] for metric in METRIC_NAMES}
+        for row in rows:
+            figures.get(row.metric, []).append(_figures_of(row))
+        for metric, those in figures.items():
+            self._file.put(place, metric, run, stamp, msgspec.msgpack.encode(those, enc_hook=methodcaller("item")))  # of numpy
+
+    def _place(self, folder: Path) -> bytes:
+        """Return what stands for a folder of runs, however its path is written."""
+        if folder not in self._places:
+            self._places[folder] = blake2b(os.fsencode(os.path.realpath(folder)), digest_size=DIGEST).digest()
+        return self._places[folder]
+
+    def _summary(self, place: bytes, path: Path, wanted: Filter) -> Found | Unreadable | None:
+        seen, name = _look([f"{path}/{MANIFEST}", f"{path}/{ANNOTATIONS}"], len(str(path))), os.fsencode(path.name)
+        data = self._file.data_of(place, FOUND, name, seen.stamp)
+        values = None if data is None else _decoded(_read_values, data)
+        if values is not None:
+            return Found(path, *values)
+        run = summary_of(path)
+        if isinstance(run, Unreadable):
+            return summary_of(path, wanted)  # which shows it only where it may match
+        if run is not None and run.state == SEALED and seen.is_settled:
+            self._file.put(place, FOUND, name, seen.stamp, msgspec.msgpack.encode(_values_of(run)))
+        return run
+
+    def _metrics(self, place: bytes, run: bytes, stamp: bytes, names: Collection[str]) -> list[MetricRow] | None:
+        """Return the rows of these metrics; None unless the index has all of them."""
+        from jbclog.analysis.stored_tables import MetricRow
+
+        rows: list[MetricRow] = []
+        for name in names:
+            data = self._file.data_of(place, name, run, stamp)
+            known = None if data is None else _decoded(_read_figures, data)
+            if known is None:
+                return None
+            rows += [MetricRow(one[0], one[1], name, *one[2:]) for one in known]
+        return rows
+
+
+@contextmanager
+def run_index() -> Iterator[RunIndex]:
+    """Open the user's index; without a folder for it, one that has nothing and keeps nothing."""
+    folder = cache_folder()
+    file = IndexFile(None if folder is None else folder / NAME)
+    try:
+        yield RunIndex(file)
+    finally:
+        file.close()
+
+
+def _look_at_record(run: Path) -> Look | None:
+    """Look at all files on which the metrics of a run can depend; None where that is not possible."""
+    from jbclog.analysis.stored_tables import METHODS_TEXT
+
+    there = [f"{run}/{name}" for name in OF_METRICS]
+    try:
+        for name in (*TABLES, RECIPES):
+            with suppress(FileNotFoundError):
+                there += sorted(entry.path for entry in os.scandir(f"{run}/{name}"))
+    except OSError:
+        return None
+    return _look(there, len(str(run)), METHODS_TEXT)
+
+
+def _look(paths: Iterable[str], run: int, by: str = "") -> Look:
+    """Look at these files of a run, whose own path has so many characters. `by`: what reads them."""
+    now, newest, facts = time.time_ns(), [0], list[object]([by])
+    for path in paths:
+        try:
+            found = os.lstat(path)  # a `Path` takes as long as all else
+        except OSError as error:
+            facts.append(error.errno)
+            newest += [] if error.errno == errno.ENOENT else [now]
+        else:
+            facts.append((path[run:], found.st_mode, found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino))
+            newest += [found.st_mtime_ns, found.st_ctime_ns]
+    is_settled = all(abs(now - one) > SETTLED_NS for one in newest)
+    return Look(blake2b(repr(facts).encode(errors="surrogateescape"), digest_size=DIGEST).digest(), is_settled)
+
+
+def _decoded(decoder: msgspec.msgpack.Decoder[T], data: bytes) -> T | None:
+    try:
+        return decoder.decode(data)
+    except ValueError:  # with a check sum that fits: forged
+        return None

@@ -1,0 +1,77 @@
+"""Leaves the metrics of a finished run beside it, for `jbclog trend`: ``python -m jbclog.app.run.metrics_cache RUN``.
+
+They need pandas and seconds of computing time, so a process of lowest priority computes them. It begins when the tools are safe and
+the run is sealed, and nobody waits for it: without it, or where it is killed, a trend computes the same from the record.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import warnings
+from contextlib import suppress
+from pathlib import Path
+from typing import Final
+
+from jbclog.core.errors import RecordError
+from jbclog.record.manifest import Manifest, RunState, manifest_sha256
+
+OFF: Final = "JBCLOG_NO_METRICS"
+NICENESS: Final = 19
+MOST_S: Final = 3600  # of its life; a week of one port takes half a minute
+WAIT_S: Final = 10.0
+MOST_SCORE: Final = b"1000"  # when memory is short, the system ends this process first
+OWN_SCORE: Final = Path("/proc/self/oom_score_adj")
+
+
+def start_metrics(folder: Path, manifest: Manifest) -> subprocess.Popen[bytes] | None:
+    """Start the process for a run with samples, and return it. Does not wait for it, except where it would end with this one."""
+    has_samples = any(facts.first_tick is not None for facts in manifest.stations)
+    if os.environ.get(OFF) or manifest.state != RunState.SEALED or not has_samples:
+        return None
+    child = None
+    with suppress(OSError, subprocess.TimeoutExpired):  # a cache is no reason to fail
+        child = subprocess.Popen(
+            [sys.executable, "-P", "-m", "jbclog.app.run.metrics_cache", str(folder)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+        if _is_of_a_service():
+            child.wait(WAIT_S)
+    return child
+
+
+def _is_of_a_service() -> bool:
+    """Whether the system ends all other processes when this one ends: the first of a container, or a service's own (systemd)."""
+    return os.getpid() == 1 or os.environ.get("SYSTEMD_EXEC_PID") == str(os.getpid())
+
+
+def main(arguments: list[str]) -> int:
+    """Run the process. `arguments`: the run's folder."""
+    os.nice(NICENESS)
+    signal.alarm(MOST_S)
+    with suppress(OSError):
+        OWN_SCORE.write_bytes(MOST_SCORE)
+    warnings.simplefilter("ignore")  # of damage: missing data is not counted
+    import pyarrow as pa  # the process that records does not load these
+
+    from jbclog.analysis.run import open_run
+    from jbclog.analysis.run_metrics import computed_metrics
+    from jbclog.analysis.stored_tables import cache_metrics
+
+    pa.set_cpu_count(1)
+    folder = Path(arguments[0])
+    try:
+        made_from = manifest_sha256(folder)
+        cache_metrics(folder, computed_metrics(open_run(folder)), made_from)
+    except (RecordError, OSError) as error:  # it was moved, or the disk is full
+        return error.exit_code if isinstance(error, RecordError) else 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
