@@ -12,7 +12,7 @@ import typer
 
 from jbclog.cli import options
 from jbclog.cli.options import Color
-from jbclog.cli.output import echo, echo_json, note, reports_errors
+from jbclog.cli.output import echo_json, echo_words, note, reports_errors
 from jbclog.cli.streams import never_wait
 
 if TYPE_CHECKING:
@@ -104,16 +104,16 @@ def _shown(result: Result) -> dict[str, bool]:
 def _print(result: Result, page: Path, shown: dict[str, bool]) -> None:
     manifest = result.manifest
     rows = sum(file.rows or 0 for file in manifest.files if file.path.startswith("samples/"))
-    echo()
-    echo(f"Recipe applied to {len(manifest.stations)} stations and confirmed; {rows} rows recorded.")
+    echo_words("")
+    echo_words(f"Recipe applied to {len(manifest.stations)} stations and confirmed; {rows} rows recorded.")
     for text, true in shown.items():
-        echo(f"  {'yes' if true else 'NO '}  {text}")
-    echo(f"Verdict by the recipe's acceptance limits: {manifest.verdict}.")
+        echo_words(f"  {'yes' if true else 'NO '}  {text}")
+    echo_words(f"Verdict by the recipe's acceptance limits: {manifest.verdict}.")
     reasons = "; ".join(finding.text for finding in result.findings) or "no findings"
-    echo(f"`jbclog run` would exit with code {result.exit_code.value}: {reasons}.")
-    echo()
-    echo(f"report    {page}   (open in a browser)")
-    echo(f"samples   {result.folder / 'samples'}   (open with pandas.read_parquet)")
-    echo(f"events    {result.folder / 'events'}")
-    echo(f"manifest  {result.folder / 'manifest.json'}")
-    echo(f"run       {result.folder}")
+    echo_words(f"`jbclog run` would exit with code {result.exit_code.value}: {reasons}.")
+    echo_words("")
+    echo_words(f"report    {page}   (open in a browser)")
+    echo_words(f"samples   {result.folder / 'samples'}   (open with pandas.read_parquet)")
+    echo_words(f"events    {result.folder / 'events'}")
+    echo_words(f"manifest  {result.folder / 'manifest.json'}")
+    echo_words(f"run       {result.folder}")

@@ -40,6 +40,12 @@ def echo(*lines: str) -> None:
     _echo([shown(line) for line in lines], err=False)
 
 
+def echo_words(*lines: str) -> None:
+    """Print lines for people on stdout; wraps them between words on a terminal."""
+    cleaned = [shown(line) for line in lines]
+    _echo([wrapped(line) for line in cleaned] if sys.stdout.isatty() else cleaned, err=False)
+
+
 def note(*lines: str) -> None:
     """Print lines for people on stderr; wraps them between words on a terminal."""
     cleaned = [shown(line) for line in lines]

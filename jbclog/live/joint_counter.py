@@ -60,9 +60,11 @@ def _count_until_final(folder: Path) -> None:
     while not counted.is_final:
         began, last, pause = time.process_time(), commit_status(folder).last, LEAST_PAUSE_S
         if last != through or asked:
-            counted, through, asked = count(folder, is_last=LAST in asked), last, b""
+            counted, is_first = count(folder, is_last=LAST in asked), through < 0
+            through, asked = last, b""
             _write(counted)
-            pause = max(LEAST_PAUSE_S, REST * (time.process_time() - began))
+            if not is_first:  # which loads much: a run of a minute would have no other
+                pause = max(LEAST_PAUSE_S, REST * (time.process_time() - began))
         if select.select([STDIN], [], [], 0.0 if counted.is_final else pause)[0]:
             asked = os.read(STDIN, 1 << 16)
             if not asked:

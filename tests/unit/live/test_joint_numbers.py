@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -13,9 +14,9 @@ from jbclog.analysis.run import open_run
 from jbclog.analysis.run_metrics import joints_and_metrics
 from jbclog.core.clock import SystemClock
 from jbclog.core.locks import commit_status
-from jbclog.live import Follower, RunState
-from jbclog.live.joint_counter import ENDED_S, count
-from jbclog.live.joint_numbers import ENDED, JointCounting, JointNumbers
+from jbclog.live import Follower, RunState, joint_counter
+from jbclog.live.joint_counter import ENDED_S, LEAST_PAUSE_S, REST, count
+from jbclog.live.joint_numbers import ENDED, Counted, JointCounting, JointNumbers
 from jbclog.live.open_rows import OpenRows
 from jbclog.record.seal import seal_rows
 from support.records.live_rows import SOLDERED_ROWS as ROWS
@@ -110,6 +111,22 @@ def test_without_being_asked_nothing_is_counted(recording: Soldering) -> None:
         assert run.ports[0].joints.why == "not counted yet"
         assert follower._run is not None
         assert follower._run._joints is None
+
+
+def test_the_first_count_which_loads_much_is_soon_followed_by_another(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    clock, pauses, commits = iter([0.0, 0.0, 1.5, 2.0, 10.0]), list[float](), iter([1, 2, 3])
+
+    def wait(_read: object, _write: object, _faulty: object, pause: float) -> tuple[list[int], list[int], list[int]]:
+        pauses.append(pause)
+        return ([joint_counter.STDIN] if len(pauses) == 3 else []), [], []
+
+    monkeypatch.setattr(joint_counter.time, "process_time", lambda: next(clock))
+    monkeypatch.setattr(joint_counter, "commit_status", lambda _: SimpleNamespace(last=next(commits)))
+    monkeypatch.setattr(joint_counter, "count", lambda *_, **__: Counted())
+    monkeypatch.setattr(joint_counter.select, "select", wait)
+    monkeypatch.setattr(joint_counter.os, "read", lambda *_: b"")
+    joint_counter._count_until_final(tmp_path)
+    assert pauses == [LEAST_PAUSE_S, REST * 1.5, REST * 8.0]
 
 
 def test_a_killed_process_leaves_numbers_not_known(recording: Soldering) -> None:
