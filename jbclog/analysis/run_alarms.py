@@ -12,6 +12,7 @@ from datetime import datetime
 from typing import Final
 
 import pandas as pd
+import pyarrow as pa
 
 from jbclog.analysis.alarm_rows import COLUMNS, Place, PortSplitter, RunEvents, read_events
 from jbclog.analysis.alarms import (
@@ -33,6 +34,7 @@ from jbclog.analysis.alarms.from_record import earliest_us
 from jbclog.analysis.run_tables import RunTables, stations_of
 from jbclog.core.rows import StationFacts
 from jbclog.record.annotations import read as read_annotations
+from jbclog.record.schema import FLAG, FLOAT, INT, TEXT, TIME
 
 ACKNOWLEDGED: Final = "alarm.acknowledged"
 """The kind of the annotation that acknowledges an episode; its `what` is the episode's name."""
@@ -63,6 +65,13 @@ TABLE: Final = {
     "acknowledged_why": "str",
 }
 """The columns of `Run.alarms()`, which describes them, and their types."""
+
+_ARROW: Final = {"str": TEXT, "int64": INT, "time": TIME, "Float64": FLOAT, "boolean": FLAG}
+_UNITS: Final = {"seconds": "s", "peak_c": "°C", "limit_c": "°C", "delay_s": "s"}
+ALARMS_SCHEMA: Final = pa.schema(
+    [pa.field(name, _ARROW[kind], metadata={"unit": _UNITS[name]} if name in _UNITS else None) for name, kind in TABLE.items()]
+)
+"""The same columns as Arrow fields, with units."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +136,12 @@ class Alarms:
         """Return the rows as a DataFrame with the columns of `TABLE`."""
         rows = self.rows()
         return pd.DataFrame({name: _column(kind, [row[name] for row in rows]) for name, kind in TABLE.items()})
+
+    def table(self) -> pa.Table:
+        """Return the rows as an Arrow table with `ALARMS_SCHEMA`."""
+        times = [name for name, kind in TABLE.items() if kind == "time"]
+        rows = [row | {name: _moment(row[name]) for name in times} for row in self.rows()]
+        return pa.Table.from_pylist(rows, schema=ALARMS_SCHEMA)
 
     def _row(self, incident: Incident, episode: Episode) -> dict[str, object]:
         given = self.acknowledgement(incident)
@@ -251,6 +266,10 @@ def acknowledged_in(run: RunTables) -> dict[str, Acknowledgement]:
 def iso(micros: int | None) -> str | None:
     """Return a UTC time as ISO 8601 with microseconds."""
     return None if micros is None else pd.Timestamp(micros, unit="us", tz="UTC").strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+
+
+def _moment(text: object) -> datetime | None:
+    return datetime.fromisoformat(text) if isinstance(text, str) else None
 
 
 def _figure_row(one: Figures) -> dict[str, object]:

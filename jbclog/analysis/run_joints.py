@@ -14,6 +14,7 @@ from jbclog.analysis.figures.trace import JointEnd
 from jbclog.analysis.run_metrics import joints_of
 from jbclog.analysis.run_tables import RunTables
 from jbclog.core.errors import UsageError
+from jbclog.record.schema import TEXT
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,8 +68,18 @@ def each_joint(run: RunTables, station: str | None = None, port: int | None = No
     table = joints_of(run, station)
     if port is not None:
         table = table.filter(pc.equal(table["port"], port))
-    units = [None if pd.isna(serial) else str(serial) for serial in run.unit_at(pd.Series(table["start"].to_pandas()))]
-    return [_joint(run, unit, row) for unit, row in zip(units, table.to_pylist(), strict=True)]
+    return [_joint(run, unit, row) for unit, row in zip(_serials(run, table), table.to_pylist(), strict=True)]
+
+
+def joints_with_units(run: RunTables) -> pa.Table:
+    """Return the joints of `joints_of` with a first column `unit`: the unit's serial, null where it is not known."""
+    table = joints_of(run)
+    return table.add_column(0, pa.field("unit", TEXT), pa.array(_serials(run, table), TEXT))
+
+
+def _serials(run: RunTables, joints: pa.Table) -> list[str | None]:
+    serials = run.unit_at(pd.Series(joints["start"].to_pandas()))
+    return [None if pd.isna(serial) else str(serial) for serial in serials]
 
 
 def _joint(run: RunTables, unit: str | None, row: dict[str, object]) -> RunJoint:

@@ -176,12 +176,12 @@ def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[Me
 
 
 def _reader(run: RunTables, stations: Sequence[StationFacts]) -> PortReader:
-    steps = _clock_steps(run) if any(not facts.period_s for facts in stations) else []
+    steps = clock_steps(run) if any(not facts.period_s for facts in stations) else []
     t0_us = round((run.manifest.t0_utc or 0.0) * 1e6)
     return PortReader(stations, lambda columns: run.groups("samples", columns), steps, t0_us, MOST_ROWS)
 
 
-def _clock_steps(run: RunTables) -> list[Step]:
+def clock_steps(run: RunTables) -> list[Step]:
     """Return the steps of the wall clock; unlike `steps_of`, also for a run that is not sealed."""
     events = run.events()
     steps = events[(events["kind"] == "clock.step") & events["value"].notna()]

@@ -44,6 +44,7 @@ COMMANDS: Final = {
     "Analyse": {
         "runs": "Find runs by operator, order, unit, time, verdict and more.",
         "report": "Write a run's report: page, PDF to sign, JSON and tables.",
+        "export": "Export a run for spreadsheets, measurement tools or Q-DAS.",
         "check": "Check a run's integrity.",
         "alarms": "Show a run's alarms as episodes, or acknowledge one.",
         "annotate": "Add a permanent note to a sealed run.",

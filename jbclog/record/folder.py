@@ -39,11 +39,16 @@ def _copies(folder: Path) -> Path:
 
 def joints_asked(folder: Path, facts: StationFacts) -> Mapping[str, object]:
     """Return the table `[joints]` of a station's recipe, checked when the run began; empty if it is missing or unreadable."""
+    return recipe_table(folder, facts, "joints")
+
+
+def recipe_table(folder: Path, facts: StationFacts, name: str) -> Mapping[str, object]:
+    """Return a table of a station's recipe, checked when the run began; empty if it is missing or unreadable."""
     if facts.recipe is None:
         return {}
     try:
         data = read_foreign(recipe_copy(folder, facts.recipe), Kind.SETTINGS)
-        table = tomllib.loads(data.decode()).get("joints")
+        table = tomllib.loads(data.decode()).get(name)
     except (OSError, ValueError):
         return {}
     return table if isinstance(table, dict) else {}

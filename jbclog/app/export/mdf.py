@@ -1,0 +1,260 @@
+"""ASAM MDF 4.10: a channel group for each port with its samples, one with its joints, and one for each other table.
+
+The master of a group is its time in seconds since the start of the file, which has a time in UTC. Where a value is not known, its
+invalidation bit is set (MDF 4.1, "Invalidation bits"); a reader that ignores these bits finds NaN or `-`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final, NamedTuple, Protocol
+from xml.sax.saxutils import escape, quoteattr
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from asammdf import MDF, Signal
+from numpy.typing import NDArray
+
+from jbclog.analysis.joints.port_rows import Clock
+from jbclog.analysis.run_metrics import clock_steps
+from jbclog.app.export.source import SCHEMA_OF, Source
+from jbclog.core.rows import SIGNAL_OF_COLUMN, StationFacts
+
+VERSION: Final = "4.10"
+HELD_ROWS: Final = 300_000  # of samples in memory, until each port's are written in one stretch
+TRANSPOSED_AND_DEFLATED: Final = 2
+MICROS: Final = "µs since 1970-01-01 UTC"
+NO_TEXT: Final = "-"  # of a null; readers take an empty text for none, and show a number
+UTC_NAMES: Final = {"time": "time_utc"}  # `time` is the master
+MASTER: Final = {"alarms": "onset"}
+"""The column with the time of a row; `time` in other tables."""
+
+Values = NDArray[Any]
+Bits = NDArray[np.bool_]
+Key = tuple[str, int]
+
+
+class Channel(Protocol):
+    """Turns a column into the values of a channel, piece by piece."""
+
+    def values(self, column: pa.ChunkedArray) -> Values:
+        """Return a value for each row; any for a null."""
+
+    def conversion(self) -> Mapping[str, object] | None:
+        """Return the conversion of all values so far."""
+
+
+class Numbers:
+    """Numbers, flags as 0 and 1, times as microseconds. A null is NaN, for readers that ignore invalidation bits."""
+
+    def __init__(self, field: pa.Field) -> None:
+        self._kind = pa.float64() if field.nullable else pa.int64()
+        self._kind = pa.float64() if pa.types.is_floating(field.type) else self._kind
+
+    def values(self, column: pa.ChunkedArray) -> Values:
+        plain = column.cast(pa.int64()) if not pa.types.is_floating(column.type) else column
+        numbers = plain.cast(self._kind)
+        filled: Values = (numbers.fill_null(np.nan) if numbers.null_count else numbers).to_numpy()
+        return np.ascontiguousarray(filled)
+
+    def conversion(self) -> None:
+        return None
+
+
+class Choices:
+    """Texts that recur, as their numbers from 1 and a table of the texts; 0: null."""
+
+    def __init__(self) -> None:
+        self._numbers: dict[str | None, int] = {None: 0}
+
+    def values(self, column: pa.ChunkedArray) -> Values:
+        coded = column.combine_chunks().dictionary_encode()
+        numbers = [self._numbers.setdefault(text, len(self._numbers)) for text in coded.dictionary.to_pylist()]
+        places = coded.indices.cast(pa.int64()).fill_null(len(numbers)).to_numpy()
+        found: Values = np.array([*numbers, 0], dtype=np.uint32)[places]
+        return found
+
+    def conversion(self) -> Mapping[str, object]:
+        texts = [(text or NO_TEXT).encode() for text in self._numbers]
+        texts += [NO_TEXT.encode()] * (2 - len(texts))  # mdfreader reads no table of one
+        return {
+            "default": NO_TEXT.encode(),
+            **{f"val_{n}": n for n in range(len(texts))},
+            **{f"text_{n}": text for n, text in enumerate(texts)},
+        }
+
+
+class Texts:
+    """Texts as they are, in UTF-8."""
+
+    def values(self, column: pa.ChunkedArray) -> Values:
+        return np.array([(text or "").encode() for text in column.to_pylist()] or [b""], dtype=bytes)[: len(column)]
+
+    def conversion(self) -> None:
+        return None
+
+
+class Group(NamedTuple):
+    """A channel group in the making: the fields of its channels, and its number once its first rows are written."""
+
+    name: str
+    comment: str
+    fields: Sequence[pa.Field]
+    channels: Sequence[Channel]
+    number: list[int]
+
+    @classmethod
+    def of(cls, name: str, comment: str, fields: Sequence[pa.Field], *, recur: bool) -> Group:
+        """Return a group without rows; its texts recur, or are each different."""
+        texts = Choices if recur else Texts
+        return cls(name, comment, fields, [texts() if pa.types.is_string(one.type) else Numbers(one) for one in fields], [])
+
+    def add(self, file: MDF, seconds: Values, rows: pa.Table) -> None:
+        """Write rows behind those written before."""
+        pairs = [
+            (channel.values(rows[one.name]), _bits(rows, one)) for one, channel in zip(self.fields, self.channels, strict=True)
+        ]
+        if self.number:
+            file.extend(self.number[0], [(seconds, None), *pairs])
+            return
+        signals = [_signal(one, seconds, *pair) for one, pair in zip(self.fields, pairs, strict=True)]
+        number = file.append(signals, acq_name=self.name, comment=self.comment, common_timebase=True)
+        assert number is not None
+        self.number.append(number)
+
+    def finish(self, file: MDF) -> None:
+        """Give the channels of recurring texts the table of all texts."""
+        for place, channel in enumerate(self.channels, 1):  # 0 is the master
+            table = channel.conversion()
+            if table is not None and self.number:
+                one = Signal(np.zeros(1), np.zeros(1), name="x", conversion=dict(table))
+                file.groups[self.number[0]].channels[place].conversion = one.conversion
+
+
+def write(source: Source, path: Path) -> dict[str, int]:
+    """Write an MDF file; return the rows of each table. Raises OSError, RecordError."""
+    file = MDF(version=VERSION, temporary_folder=str(path.parent))
+    try:
+        t0_us = round((source.run.manifest.t0_utc or 0.0) * 1e6)
+        file.header.start_time = datetime.fromtimestamp(t0_us / 1e6, UTC)
+        file.header.comment = _comment(source)
+        rows = {table: _write_table(file, source, table, t0_us) for table in source.tables}
+        file.save(path, overwrite=True, compression=TRANSPOSED_AND_DEFLATED)
+    finally:
+        file.close()
+    return rows
+
+
+def _write_table(file: MDF, source: Source, table: str, t0_us: int) -> int:
+    if table == "samples":
+        return _write_samples(file, source, t0_us)
+    if table == "joints":
+        return _write_joints(file, source)
+    rows, group = 0, Group.of(table, f"{table} of {source.run.name}", SCHEMA_OF[table], recur=False)
+    for piece in source.pieces(table):
+        ordered = piece.take(pc.sort_indices(piece, sort_keys=[(MASTER.get(table, "time"), "ascending")]))
+        micros = ordered[MASTER.get(table, "time")].cast(pa.int64()).to_numpy()
+        group.add(file, (micros - t0_us) / 1e6, ordered)
+        rows += piece.num_rows
+    return rows
+
+
+def _write_joints(file: MDF, source: Source) -> int:
+    """Write a group for each port; joints of a port have one time axis."""
+    for station, port, rows in _ports_in(source.joints):
+        group = Group.of(f"{station} port {port} joints", "joints", SCHEMA_OF["joints"], recur=False)
+        group.add(file, rows["start_s"].to_numpy(), rows)
+    return int(source.joints.num_rows)
+
+
+class _Samples:
+    """The groups of all ports, and their rows until these are enough to be written."""
+
+    def __init__(self, source: Source, t0_us: int) -> None:
+        self._facts = {facts.name: facts for facts in source.run.stations}
+        needs_steps = any(not facts.period_s for facts in self._facts.values())
+        self._steps, self._t0_us = clock_steps(source.run) if needs_steps else [], t0_us
+        self._groups: dict[Key, tuple[Group, Clock]] = {}
+        self._held: dict[Key, list[pa.Table]] = {}
+
+    def hold(self, piece: pa.Table) -> None:
+        for station, port, rows in _ports_in(piece):
+            self._held.setdefault((station, port), []).append(rows)
+
+    def write(self, file: MDF) -> None:
+        """Write the rows that are held."""
+        for key, pieces in self._held.items():
+            if key not in self._groups:
+                self._groups[key] = self._new(key)
+            rows, (group, clock) = pa.concat_tables(pieces), self._groups[key]
+            ticks, micros = rows["tick"].to_numpy().astype(np.float64), rows["time"].cast(pa.int64()).to_numpy()
+            group.add(file, clock.seconds(ticks, micros), rows)
+        self._held.clear()
+
+    def finish(self, file: MDF) -> None:
+        for group, _ in self._groups.values():
+            group.finish(file)
+
+    def _new(self, key: Key) -> tuple[Group, Clock]:
+        facts = self._facts.get(key[0])
+        about = "" if facts is None else f"{facts.model or facts.family}, tool {facts.tools.get(key[1], 'not known')}"
+        clock = Clock(facts.period_s if facts is not None else None, self._steps, self._t0_us)
+        return Group.of(f"{key[0]} port {key[1]}", about, _fields_of(facts), recur=True), clock
+
+
+def _write_samples(file: MDF, source: Source, t0_us: int) -> int:
+    samples, rows, held = _Samples(source, t0_us), 0, 0
+    for piece in source.pieces("samples"):
+        samples.hold(piece)
+        rows, held = rows + piece.num_rows, held + piece.num_rows
+        if held >= HELD_ROWS:
+            samples.write(file)
+            held = 0
+    samples.write(file)
+    samples.finish(file)
+    return rows
+
+
+def _fields_of(facts: StationFacts | None) -> list[pa.Field]:
+    """Return the columns that a station's family can fill; all where that is not known. The group names station and port."""
+    fields = [field for field in SCHEMA_OF["samples"] if field.name not in ("station", "port")]
+    if facts is None or not facts.signals:
+        return fields
+    return [one for one in fields if SIGNAL_OF_COLUMN.get(one.name, facts.signals[0]) in facts.signals]
+
+
+def _ports_in(rows: pa.Table) -> Iterator[tuple[str, int, pa.Table]]:
+    """Yield the rows of each port, in their order."""
+    names = rows["station"].combine_chunks().dictionary_encode()
+    ports = rows["port"].to_numpy()
+    keys = np.stack([names.indices.to_numpy(zero_copy_only=False), ports])
+    found, places = np.unique(keys, axis=1, return_inverse=True)
+    order = np.argsort(places, kind="stable")
+    ends = np.cumsum(np.bincount(places, minlength=found.shape[1]))
+    ordered = rows.take(pa.array(order))
+    for number, (name, port) in enumerate(found.T.tolist()):
+        start = int(ends[number - 1]) if number else 0
+        yield names.dictionary[name].as_py(), port, ordered.slice(start, int(ends[number]) - start)
+
+
+def _bits(rows: pa.Table, field: pa.Field) -> Bits | None:
+    """Return the invalidation bits of a column that can have nulls: set where it is null."""
+    return rows[field.name].is_null().to_numpy() if field.nullable else None
+
+
+def _signal(field: pa.Field, seconds: Values, values: Values, bits: Bits | None) -> Signal:
+    found = {key.decode(): text.decode() for key, text in (field.metadata or {}).items()}
+    unit = MICROS if pa.types.is_timestamp(field.type) else found.get("unit", "")
+    comment = found.get("definition") or found.get("command", "")
+    encoding = "utf-8" if values.dtype.kind == "S" else None
+    name = UTC_NAMES.get(field.name, field.name)
+    return Signal(values, seconds, unit, name, comment=comment, encoding=encoding, invalidation_bits=bits)
+
+
+def _comment(source: Source) -> str:
+    """Return the comment of the file's header in XML, with a property for each fact (MDF 4.1, "HDcomment")."""
+    facts = "".join(f"<e name={quoteattr(name)}>{escape(text)}</e>" for name, text in source.facts.items())
+    return f"<HDcomment><TX>{escape(source.title)}</TX><common_properties>{facts}</common_properties></HDcomment>"

@@ -1,0 +1,113 @@
+"""What is exported: the tables of a run piece by piece, and the facts that say where they are from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Final
+
+import pyarrow as pa
+
+from jbclog import __version__
+from jbclog.analysis.run import Run
+from jbclog.analysis.run_alarms import ALARMS_SCHEMA
+from jbclog.analysis.run_joints import joints_with_units
+from jbclog.analysis.stored_tables import JOINTS_SCHEMA
+from jbclog.analysis.verdict import RULES
+from jbclog.core.errors import RecordError
+from jbclog.core.text import clean
+from jbclog.record.annotations import late_serials
+from jbclog.record.annotations import read as read_annotations
+from jbclog.record.check import check
+from jbclog.record.find_runs import SEALED, ending
+from jbclog.record.manifest import RunState, manifest_sha256
+from jbclog.record.schema import SCHEMAS, TEXT
+
+SCHEMA_OF: Final[Mapping[str, pa.Schema]] = {
+    **SCHEMAS,
+    "joints": JOINTS_SCHEMA.insert(0, pa.field("unit", TEXT, metadata={"definition": "serial of the unit, where it is known"})),
+    "alarms": ALARMS_SCHEMA,
+}
+"""The columns of each table that can be exported, with units."""
+
+CHECKED: Final = "jbclog check found no differences"
+NOT_CHECKED: Final = "not checked (--unchecked)"
+
+
+def expect_whole(run: Run) -> None:
+    """Raise `RecordError` where `jbclog check` finds anything: the run is damaged, changed, or not sealed."""
+    found = check(run.folder)
+    if found:
+        more = f" and {len(found) - 1} more" if len(found) > 1 else ""
+        text = f"{run.folder}: not exported, because its check finds: {found[0]}{more}; `jbclog check` lists all findings"
+        raise RecordError(f"{text}, --unchecked exports what can be read")
+
+
+class Source:
+    """A run as an export holds it. `tables` are those to export, in the order of `SCHEMA_OF`."""
+
+    def __init__(self, run: Run, tables: Sequence[str] = (), *, is_checked: bool) -> None:
+        self.run, self.is_checked = run, is_checked
+        self.tables = [name for name in SCHEMA_OF if not tables or name in tables]
+
+    def pieces(self, table: str) -> Iterator[pa.Table]:
+        """Yield the rows of a table in order, at most one row group at a time; no piece is empty. Raises `RecordError`."""
+        pieces = self.run.groups(table, SCHEMAS[table].names) if table in SCHEMAS else iter([self._computed(table)])
+        return (piece for piece in pieces if piece.num_rows)
+
+    @cached_property
+    def joints(self) -> pa.Table:
+        """The joints with the serials of their units. Raises `RecordError`."""
+        return joints_with_units(self.run)
+
+    @cached_property
+    def facts(self) -> dict[str, str]:
+        """Where the data are from: name -> text without hidden characters, in the order in which they are shown."""
+        facts = {**self._run_facts(), **self._said(), **self._notes()}
+        facts["integrity"] = CHECKED if self.is_checked else NOT_CHECKED
+        facts["times"] = "UTC"
+        facts["exported by"] = f"jbclog {__version__}, methods {RULES}"
+        return {clean(name): clean(text) for name, text in facts.items() if text}
+
+    @property
+    def title(self) -> str:
+        """One line: what was exported by which version."""
+        return clean(f"exported by jbclog {__version__} from run {self.run.name}")
+
+    def _computed(self, table: str) -> pa.Table:
+        return self.joints if table == "joints" else self.run.alarm_findings().table()
+
+    def _run_facts(self) -> dict[str, str]:
+        manifest = self.run.manifest
+        is_sealed = manifest.state == RunState.SEALED
+        recipes = [f"{one.name} revision {one.revision} (SHA-256 {one.sha256})" for one in manifest.recipes]
+        return {
+            "run": self.run.name,
+            "fingerprint": manifest_sha256(self.run.folder) if is_sealed else "none: the run is not sealed",
+            "state": ending(manifest.exit_status, SEALED) if is_sealed else "not sealed: being recorded, or cut off by a crash",
+            "lost": manifest.lost.text if manifest.lost is not None else "",
+            "started": manifest.started or "",
+            "ended": manifest.ended or "",
+            "verdict": f"{manifest.verdict} (rules {manifest.rules})" if manifest.verdict else "",
+            "line": manifest.line.name if manifest.line is not None else "",
+            "recipe": "; ".join(recipes),
+        }
+
+    def _said(self) -> dict[str, str]:
+        """Return what people stated. A tag has the word before its name, so that none replaces a fact."""
+        said = self.run.manifest.metadata
+        several = {"wire lots": said.wire_lots, "flux lots": said.flux_lots, "tips": said.tips}
+        single = {"operator": said.operator, "order": said.order, "product": said.product}
+        texts = {name: text or "" for name, text in single.items()} | {name: ", ".join(texts) for name, texts in several.items()}
+        return texts | {"units": ", ".join(self._serials())} | {f"tag {name}": text for name, text in said.tags.items()}
+
+    def _serials(self) -> list[str]:
+        late = late_serials(self.run.folder) if self.run.manifest.state == RunState.SEALED else []
+        return list(dict.fromkeys([*self.run.manifest.serials(), *late]))
+
+    def _notes(self) -> dict[str, str]:
+        """Return the annotations of a sealed run: what was added later. Acknowledgements also stand in the table of alarms."""
+        if self.run.manifest.state != RunState.SEALED:
+            return {}
+        said = read_annotations(self.run.folder).said
+        return {f"note {one.seq}": f"{one.time} {one.kind} by {one.who}: {one.what} ({one.why})" for one in said}
