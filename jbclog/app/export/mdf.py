@@ -142,9 +142,10 @@ def write(source: Source, path: Path) -> dict[str, int]:
         file.header.start_time = datetime.fromtimestamp(t0_us / 1e6, UTC)
         file.header.comment = _comment(source)
         rows = {table: _write_table(file, source, table, t0_us) for table in source.tables}
-        file.save(path, overwrite=True, compression=TRANSPOSED_AND_DEFLATED)
+        saved = file.save(path, overwrite=True, compression=TRANSPOSED_AND_DEFLATED)
     finally:
         file.close()
+    saved.replace(path)  # asammdf gives each file its own suffix
     return rows
 
 

@@ -35,6 +35,7 @@ VERBS: Final = {
     "check": ["check", "{run}"],
     "report": ["report", "{run}"],
     "report --verify": ["report", "--verify", "{run}"],
+    "export --to csv": ["export", "{run}", "--to", "csv", "--out", "{ledger}.exported", "--force", "--unchecked"],
     "runs": ["runs", "{runs}"],
     "trend": ["trend", "{runs}"],
     "compare": ["compare", "{run}", "{other}"],
