@@ -2,8 +2,8 @@
 
 The format is the Q-DAS ASCII transfer format, V12 (2015), of the AQDEF working group: `Kxxxx/n TEXT` on a line, n the number of the
 characteristic; then a line for each joint, characteristics separated by the character 15, their fields by 20: value (K0001),
-attribute (K0002), time (K0004). Fields of the part and the characteristics: V12, chapters of K1xxx and K2xxx; defined contents
-(K0002, K2004, K2009, K2120): Hexagon's pages "Defined contents K00xx" and "K2xxx". docs/reference/export.md lists what is written.
+attribute (K0002), time (K0004). Hexagon's pages "Defined contents K00xx" and "Defined contents K2xxx" repeat the contents of
+K0002, K0004 and K2004. docs/reference/export.md lists what is written.
 """
 
 from __future__ import annotations
