@@ -71,9 +71,10 @@ TEXT = f"""
 `jbclog export RUN --to csv|xlsx|mf4|qdas`; the guide is [Export a run](../how-to/export.md). Samples, events, settings,
 counters and joints have the columns of [Tables and columns](tables.md), joints with the serial of the `unit` before them.
 
-csv, xlsx and mf4 hold the same facts of their run, qdas the most important ones: name, fingerprint (SHA-256 of the manifest), state, what a recovered run lost,
-start, end, verdict with the version of its rules, line, recipes with SHA-256, operator, order, product, units, lots, tips and
-tags, each annotation, whether the run was checked, time zone, version of jbclog and of its methods.
+csv, xlsx and mf4 hold the same facts of their run, qdas the most important ones: name, fingerprint (SHA-256 of the manifest),
+state, what a recovered run lost, start, end, verdict with the version of its rules, line, recipes with SHA-256, operator,
+order, product, units, lots, tips and tags, each annotation, whether the run was checked, time zone, version of jbclog and of
+its methods.
 
 ## csv
 
