@@ -225,4 +225,4 @@ def _same_idle(first: IdleError, second: IdleError, margin_c: float) -> spc.Equi
 
 def _measures(run: Run) -> Measures:
     with_temperature = {one.name: one for one in run.manifest.stations if not one.signals or "temperature_c" in one.signals}
-    return measure(run.folder, with_temperature)
+    return measure(run.folder, with_temperature, groups=run.groups)

@@ -13,8 +13,8 @@ from jbclog.analysis.spc import Refused
 
 def lines(found: Comparison) -> Iterator[str]:
     """Yield everything that differs, and all metrics."""
-    yield f"first   {found.first.folder}"
-    yield f"second  {found.second.folder}"
+    yield f"first   {found.first.place}"
+    yield f"second  {found.second.place}"
     yield from (f"warning: {text}" for text in found.warnings)
     yield from (f"{one.what}: {one.first} | {one.second}" for one in found.facts)
     yield from ["", "The recipes differ:", *found.recipe] if found.recipe else ["", "The recipes are the same."]
@@ -75,7 +75,7 @@ def facts(found: Comparison) -> dict[str, object]:
     tables = {name: getattr(found, name) for name in ("settings", "metrics", "alarms")}
     rows = {name: [_plain(row) for row in table.to_dict("records")] for name, table in tables.items()}
     idle = [{"station": one.station, "port": one.port, **_result(one)} for one in found.idle]
-    head = {"first": str(found.first.folder), "second": str(found.second.folder), "margin_c": found.margin_c}
+    head = {"first": found.first.place, "second": found.second.place, "margin_c": found.margin_c}
     head["warnings"] = found.warnings
     return {**head, "facts": [asdict(one) for one in found.facts], "recipe": found.recipe, **rows, "idle": idle}
 

@@ -21,8 +21,8 @@ PICTURES = (".png", ".svg", ".pdf")
 
 @reports_errors
 def compare(
-    first: Path = typer.Argument(..., metavar="RUN", help="Run folder.", show_default=False),
-    second: Path = typer.Argument(..., metavar="RUN", help="Other run folder.", show_default=False),
+    first: Path = typer.Argument(..., metavar="RUN", help="Run folder, or STORE/RUN.", show_default=False),
+    second: Path = typer.Argument(..., metavar="RUN", help="Other run folder, or STORE/RUN.", show_default=False),
     margin: float = typer.Option(2.0, metavar="C", help="Equivalence margin of idle means, in °C."),
     plot: Path | None = typer.Option(None, "--plot", metavar="FILE", help="Chart file: .png, .svg or .pdf."),
     as_json: bool = options.AS_JSON,
@@ -36,14 +36,17 @@ def compare(
     Example:
       jbclog compare runs/20261121T013000Z-bench-3-k7qd runs/20261122T013000Z-bench-3-m4tz --plot both.png
     """
+    from jbclog.analysis.store.place import is_in_store
+
     for run in (first, second):
-        expect_run(run)
+        if not is_in_store(run):
+            expect_run(run)
     if plot is not None and plot.suffix.lower() not in PICTURES:
         raise UsageError(f"--plot {plot}: must end in {', '.join(PICTURES)}")
     expect_file_place("--plot", plot)
     from jbclog.analysis.compare import compare as compared
     from jbclog.analysis.compare_words import facts, lines
-    from jbclog.analysis.run import open_run
+    from jbclog.analysis.opening import open_run
 
     found = compared(open_run(first), open_run(second), margin)
     if as_json:

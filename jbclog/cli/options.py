@@ -42,6 +42,13 @@ def is_folder(path: Path) -> bool:
         return False
 
 
+def is_runs(path: Path) -> bool:
+    """Return whether `path` is a folder or a store, which readers of many runs take. Raises as `is_folder`."""
+    from jbclog.analysis.store.place import is_store  # not loaded by --help
+
+    return is_store(path) or is_folder(path)
+
+
 def expect_file_place(option: str, path: Path | None) -> None:
     """Raise `UsageError` if `path` exists and is not a regular file: writing to a pipe could block for ever."""
     if path is not None and path.exists() and not path.is_file():

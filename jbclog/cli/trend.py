@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.options import NO_FOLDER, expect_file_place, is_folder
+from jbclog.cli.options import NO_FOLDER, expect_file_place, is_runs
 from jbclog.cli.output import echo, echo_json, echo_table, note, note_unreadable, reports_errors
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.text import exact_figures
@@ -23,7 +23,7 @@ PICTURES = (".png", ".svg", ".pdf")
 
 @reports_errors
 def trend(
-    folder: Path = typer.Argument(Path("runs"), metavar="DIR", help="Folder of runs."),
+    folder: Path = typer.Argument(Path("runs"), metavar="DIR|STORE", help="Folder of runs, or store."),
     metric: str = typer.Option("idle_error_c", "--metric", "-m", metavar="NAME", help="Metric; `list` shows all."),
     station: str | None = typer.Option(None, "--station", "-s", metavar="NAME", help="Station; default: all."),
     port: int | None = typer.Option(None, "--port", "-p", min=1, max=4, metavar="N", help="Port number; default: all."),
@@ -72,10 +72,10 @@ def trend(
 def _runs(
     folder: Path, line: str | None, recipe: str | None, product: str | None, order: str | None, since: str | None, until: str | None
 ) -> Runs:
-    from jbclog.analysis.runs import open_runs
+    from jbclog.analysis.opening import open_runs
     from jbclog.cli.runs import moment
 
-    if not is_folder(folder):
+    if not is_runs(folder):
         raise UsageError(NO_FOLDER.format(folder))
     begin, end = moment("--since", since), moment("--until", until, is_end=True)
     return open_runs(folder, line=line, recipe=recipe, product=product, order=order, since=begin, until=end)

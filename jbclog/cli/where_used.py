@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.options import NO_FOLDER, is_folder
+from jbclog.cli.options import NO_FOLDER, is_runs
 from jbclog.cli.output import echo_json, echo_table, note, reports_errors
 from jbclog.core.errors import UsageError
 
@@ -22,12 +22,15 @@ HEADS = ("started", "tips", "order", "units", "verdict", "run")
 
 @reports_errors
 def where_used(
-    folder: Path = typer.Argument(Path("runs"), metavar="DIR", help="Folder of runs."),
+    folder: Path = typer.Argument(Path("runs"), metavar="DIR|STORE", help="Folder of runs, or store."),
     station: str = typer.Option(..., "--station", "-s", metavar="NAME", help="Station name.", show_default=False),
     port: int | None = typer.Option(None, "--port", "-p", min=1, max=4, metavar="N", help="Port number.", show_default=False),
     tip: str | None = typer.Option(None, metavar="ID", help="Tip; runs without a named tip are included.", show_default=False),
     since: str | None = typer.Option(
         None, metavar="TIME", help="Day or time, UTC; default: the last passed verification.", show_default=False
+    ),
+    verifications: Path | None = typer.Option(
+        None, "--verifications", metavar="DIR", help="Folder with verifications.jsonl; default: DIR.", show_default=False
     ),
     no_cache: bool = options.NO_CACHE,
     as_json: bool = typer.Option(False, "--json", help="Print one JSON object."),
@@ -35,21 +38,32 @@ def where_used(
     """List the runs that used a tip since its last pass.
 
     Starts from the last failed verification: lists every run between the pass before it and the pass after it, with its units
-    where they are known. Exit code 1: a manifest or the file of verifications cannot be read, so the list may be incomplete.
+    where they are known. A store has no verifications: give their folder, or a time. Exit code 1: a manifest or the file of
+    verifications cannot be read, so the list may be incomplete.
 
     \b
     Example:
       jbclog where-used --station dde-1 --port 1
     """
+    from jbclog.analysis.store.place import is_store, place_of
+    from jbclog.analysis.store.runs import StoredFolders
     from jbclog.app.index.run_index import run_index
     from jbclog.cli.runs import moment
     from jbclog.maintenance.suspect_runs import where_used as suspects
     from jbclog.record.find_runs import find
 
-    if not is_folder(folder):
+    if not is_runs(folder):
         raise UsageError(NO_FOLDER.format(folder))
-    with nullcontext() if no_cache else run_index() as index:
-        found = suspects(folder, station, port, tip, moment("--since", since), find if index is None else index.find)
+    if is_store(folder):
+        if since is None and verifications is None:
+            raise UsageError("a store has no verifications: give --verifications DIR, or --since TIME")
+        place = place_of(folder)
+        runs = StoredFolders(place)
+        found = suspects(place.path, station, port, tip, moment("--since", since), runs.find, verifications, runs.folder_of)
+    else:
+        with nullcontext() if no_cache else run_index() as index:
+            search = find if index is None else index.find
+            found = suspects(folder, station, port, tip, moment("--since", since), search, verifications)
     if as_json:
         echo_json(facts(found))
     else:

@@ -10,8 +10,9 @@ Unreadable runs are listed separately: they may be suspect, too.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
+from operator import attrgetter
 from pathlib import Path
 
 from jbclog.core.errors import RecordError, UsageError
@@ -57,14 +58,17 @@ def where_used(
     tip: str | None = None,
     since: datetime | None = None,
     search: Search = find,
+    verifications: Path | None = None,
+    folder_of: Callable[[Found], Path] = attrgetter("folder"),
 ) -> Suspect:
     """Return the runs below `out` that used a tip of `station` since the last passed verification, or since `since`.
 
-    `search` finds the runs; the manifest of each that is named is read and hashed again.
+    `search` finds the runs; the manifest of each that is named is read and hashed again, in the folder that `folder_of` returns.
+    `verifications`: the folder of the file of verifications, if not `out`.
     Raises `RecordError` if the folder or the file of verifications cannot be read, `UsageError` for an unknown station, as a
     mistyped name would have no suspect runs.
     """
-    book = read_book(out)
+    book = read_book(verifications or out)
     _expect_known(search(out), out, book, station)
     window = _window(book, station, port, tip, since)
     if window.bad is None and since is None:
@@ -72,14 +76,15 @@ def where_used(
     if tip is None and window.bad is not None and since is None:
         tip = window.bad.tip
     for found in search(out):  # without a filter, as an unreadable run may be suspect
-        run = summary_of(found.folder) if isinstance(found, Found) and _is_suspect(found, station, window) else found
-        if isinstance(run, Unreadable):
-            window.unreadable.append(run)
-        elif run is not None and _is_suspect(run, station, window):
-            try:
-                window.runs.extend(_used(run, station, port, tip))
-            except RecordError as error:
-                window.unreadable.append(Unreadable(run.folder, str(error)))
+        try:
+            is_named = isinstance(found, Found) and _is_suspect(found, station, window)
+            run = summary_of(folder_of(found)) if isinstance(found, Found) and is_named else found
+            if isinstance(run, Unreadable):
+                window.unreadable.append(Unreadable(found.folder, run.why))
+            elif run is not None and _is_suspect(run, station, window):
+                window.runs.extend(replace(used, folder=found.folder) for used in _used(run, station, port, tip))
+        except RecordError as error:
+            window.unreadable.append(Unreadable(found.folder, str(error)))
     return window
 
 

@@ -7,7 +7,7 @@ known, so that a table of which a part is missing is an error, never a shorter a
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import TYPE_CHECKING, Any, Final
@@ -220,15 +220,25 @@ def _iso(moment: datetime | None) -> str | None:
     return None if moment is None else f"{moment:%Y-%m-%dT%H:%M:%S.%fZ}"
 
 
-def metric_rows(store: Store, runs: Iterable[Published], station: str | None) -> pa.Table:
-    """Return the metrics of many runs from one pass over the table, with the publication of each row. Raises `RecordError`."""
+def metric_rows(store: Store, runs: Iterable[Published], station: str | None, names: Collection[str] | None) -> pa.Table:
+    """Return the metrics of many runs from one pass over the table, with the publication of each row. Raises `RecordError`.
+
+    Of `names` only, or all; of one station or all. That no row is missing is counted over all of them, by their publications alone.
+    """
     runs = list(runs)
     wanted = pc.field("publication").isin(pa.array([one.findings for one in runs], pa.utf8()))
     condition = _in_partitions({one.line for one in runs}, {one.month for one in runs})
+    chosen, own = wanted if condition is None else wanted & condition, None
+    if station is not None:
+        own = pc.field("station") == station
+    if names is not None:
+        named = pc.field("metric").isin(pa.array(sorted(names), pa.utf8()))
+        own = named if own is None else own & named
     with explained(store.place.url):
-        columns, chosen = ["publication", *OWN["metrics"].names], wanted if condition is None else wanted & condition
-        table = store.dataset("metrics").to_table(columns=columns, filter=chosen)
-    counts = dict(zip(*(pc.value_counts(table["publication"]).field(name).to_pylist() for name in (0, 1)), strict=True))
+        dataset = store.dataset("metrics")
+        there = pc.value_counts(dataset.to_table(columns=["publication"], filter=chosen)["publication"])
+        table = dataset.to_table(columns=["publication", *OWN["metrics"].names], filter=chosen if own is None else chosen & own)
+    counts = dict(zip(*(there.field(name).to_pylist() for name in (0, 1)), strict=True))
     for one in runs:
         expect_rows(store.place, one, "metrics", counts.get(one.findings, 0))
-    return table if station is None else table.filter(pc.equal(table["station"], station))
+    return table

@@ -115,7 +115,7 @@ class StoredRuns(Runs):
     ) -> Iterator[tuple[Found, list[MetricRow]]]:
         """Yield each run with its rows of `metrics`, from one pass over the table."""
         current = [one for one in self._published.values() if one.identity.rules == RULES]
-        table = metric_rows(self._store, current, station)
+        table = metric_rows(self._store, current, station, names)
         rows: dict[str, list[MetricRow]] = {one.findings: [] for one in current}
         for row in table.to_pylist():
             rows[row.pop("publication")].append(MetricRow(**row))
@@ -125,3 +125,22 @@ class StoredRuns(Runs):
 
     def _metric_rows(self, found: Found, station: str | None) -> list[MetricRow]:
         return metric_rows_of(self.open(found), station)
+
+
+class StoredFolders:
+    """The runs of a store for what reads their manifests from folders: finds them, and returns a folder for each."""
+
+    def __init__(self, place: Place) -> None:
+        self._store = Store(place)
+        self._kept: dict[str, StoredRun] = {}  # with their folders
+
+    def find(self, _: Path) -> Iterator[Found]:
+        """Yield all runs of the store."""
+        return (one.found for one in self._store.runs())
+
+    def folder_of(self, run: Found) -> Path:
+        """Return a folder with the run's small files; its manifest has been hashed again. Raises `RecordError`."""
+        name = run.folder.name
+        if name not in self._kept:
+            self._kept[name] = StoredRun(self._store, self._store.run(name))
+        return self._kept[name].folder

@@ -10,7 +10,7 @@ UTC less the steps of the wall clock (`clock_steps.py`). For a station without a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from jbclog.analysis.verdict.clock_steps import Step, Unstepped, steps_of
+from jbclog.analysis.verdict.clock_steps import Step, Unstepped, steps_in, steps_of
 from jbclog.analysis.verdict.idle import BLOCK_S, Block, Flags, Floats, IdleError, idle_readings
 from jbclog.analysis.verdict.reached import WITHIN_C, Heat
 from jbclog.analysis.verdict.versions import RULES
@@ -180,6 +180,7 @@ def _typical_step(seconds: Floats) -> float:
 
 
 Measures = dict[tuple[str, int], PortMeasure]
+Groups = Callable[[str, list[str]], Iterable[pa.Table]]
 
 
 def measure(
@@ -187,16 +188,18 @@ def measure(
     stations: dict[str, StationFacts],
     within_c: Mapping[str, float] = MappingProxyType({}),
     rules: int = RULES,
+    groups: Groups | None = None,
 ) -> Measures:
     """Return the measures of every port of `stations` that has rows in ``folder/samples``, by version `rules` of the rules.
 
+    `groups` reads the rows of a run that is not in a folder.
     `within_c`: how close to their setpoints a station's tools have to come, if not within the default.
     """
     measures: Measures = {}
-    steps = [] if all(facts.period_s for facts in stations.values()) else steps_of(folder)
+    steps = [] if all(facts.period_s for facts in stations.values()) else _steps(folder, groups)
     signals = {name: judged_signals(facts) for name, facts in stations.items()}
     columns = [*COLUMNS, *sorted({name for names in signals.values() for name in names} - set(COLUMNS))]
-    for batch in _batches(folder, columns):
+    for batch in _batches(folder, columns) if groups is None else _cut(groups("samples", columns)):
         for station, port, rows, read, marks in _ports(batch, stations, signals):
             if (station, port) not in measures:
                 measures[station, port] = _new(stations[station], steps, within_c.get(station, WITHIN_C), rules)
@@ -215,6 +218,16 @@ def _new(facts: StationFacts, steps: Sequence[Step], within_c: float, rules: int
     start = None if facts.first_tick is None else (facts.first_tick - 1) * facts.period_s
     skips = facts.skipped_by_host is None or facts.skipped_by_host > 0
     return PortMeasure(facts.period_s, heat, rules, start, host_skips=skips, no_rows=facts.skipped > 0)
+
+
+def _steps(folder: Path, groups: Groups | None) -> list[Step]:
+    if groups is None:
+        return steps_of(folder)
+    return [step for events in groups("events", ["time", "kind", "value"]) for step in steps_in(events)]
+
+
+def _cut(pieces: Iterable[pa.Table]) -> Iterator[pa.RecordBatch]:
+    return (batch for piece in pieces for batch in piece.to_batches(max_chunksize=BATCH_ROWS))
 
 
 def _batches(folder: Path, columns: list[str]) -> Iterator[pa.RecordBatch]:

@@ -1,0 +1,179 @@
+"""Where a store may be: a place where one publisher could overwrite another's commit is refused, and nothing is written to it.
+
+S3 is a real server process. A share is a folder whose hard links fail, or overwrite (a library that is preloaded).
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from datetime import timedelta
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+import jbclog
+from jbclog.analysis.store.place import place_of
+from jbclog.analysis.store.schema import DATA, TABLES
+from jbclog.app.publish.publisher import Publisher, Result
+from jbclog.app.publish.safe_place import expect_safe
+from jbclog.app.publish.upkeep import check, compact, vacuum
+from jbclog.core.errors import RecordError, UsageError
+from jbclog.record import annotations
+from support.faults.s3_server import BUCKET, KEY, SECRET, Server, serving
+from support.faults.small_disk import small_disk
+from support.records import small_run
+
+from .conftest import made
+
+URL = f's3://{BUCKET}/plant 1/a=b "c" d\'é'
+COMMAND = [sys.executable, "-c", "from jbclog.cli import main; main()"]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return small_run.make_run(tmp_path_factory.mktemp("runs"), 12.0)
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Server]:
+    with serving() as one:
+        yield one
+
+
+@pytest.fixture
+def s3(server: Server, monkeypatch: pytest.MonkeyPatch) -> Server:
+    credentials(server, monkeypatch)
+    return server
+
+
+def credentials(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in server.environment.items():
+        monkeypatch.setenv(name, value)
+
+
+def published(run: Path, store: str, environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:
+    clean = {name: value for name, value in os.environ.items() if not name.startswith("AWS_")}
+    command = [*COMMAND, "publish", str(run), store]
+    return subprocess.run(command, env=clean | environment, capture_output=True, text=True, timeout=120, check=False)
+
+
+def test_all_of_it_in_s3(run: Path, s3: Server) -> None:
+    """Published once, read cell by cell, versioned, checked, compacted, vacuumed: by a server that speaks S3."""
+    place = place_of(URL)
+    with Publisher(place) as one:
+        assert one.publish(run).result is Result.PUBLISHED
+        assert one.publish(run).result is Result.THERE
+        with pytest.raises(UsageError, match="a publisher is at work"):
+            vacuum(place)
+    (there,) = jbclog.open_runs(URL, line="bench")
+    for table in DATA:
+        pd.testing.assert_frame_equal(getattr(there, table)(), getattr(jbclog.open_run(run), table)())
+    assert jbclog.open_run(f"{URL}/{run.name}").place == f"{URL}/{run.name}"
+    assert check(place, timedelta(0)).findings == []
+    assert set(compact(place)) == set(TABLES)
+    assert set(vacuum(place).values()) == {0}
+    assert [name for name in s3.names() if "_probe" in name or "_publishers" in name] == []
+
+
+@pytest.mark.campaign
+def test_publishing_from_two_hosts_is_one_run(run: Path, s3: Server, tmp_path: Path) -> None:
+    url = f"s3://{BUCKET}/two"
+    processes = [
+        subprocess.Popen([*COMMAND, "publish", str(run), url], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for _ in range(2)
+    ]
+    said = [process.communicate(timeout=120)[0].strip() for process in processes]
+    assert sorted(text.partition(": ")[2] for text in said) == ["already there (version 1)", "published (version 1)"]
+    assert check(place_of(url), timedelta(0)).leftovers == []
+    assert len(jbclog.open_runs(url)[0].samples()) == len(jbclog.open_run(run).samples())
+
+
+@pytest.mark.parametrize("how", ["ignore", "refuse"])
+def test_s3_without_conditional_writes_is_refused(run: Path, monkeypatch: pytest.MonkeyPatch, how: str) -> None:
+    with serving(how) as server:
+        credentials(server, monkeypatch)
+        with pytest.raises((UsageError, RecordError), match=r"conditional writes|If-None-Match") as refused:
+            expect_safe(place_of(f"s3://{BUCKET}/x"))
+        assert str(refused.value).count("\n") == 0
+        assert server.names() == []
+
+
+def test_the_unsafe_option_of_the_library_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("AWS_S3_ALLOW_UNSAFE_RENAME", "true")
+    with pytest.raises(UsageError, match="overwrite each other"):
+        place_of("s3://bucket/x")
+
+
+@pytest.mark.parametrize("url", ["gs://bucket/x", "abfss://x@y/z", "http://host/x", f"s3://{KEY}:{SECRET}@bucket/x"])
+def test_other_urls_are_refused_without_their_secrets(url: str) -> None:
+    with pytest.raises(UsageError) as refused:
+        place_of(url)
+    assert SECRET not in str(refused.value)
+
+
+def test_missing_and_wrong_credentials_are_one_line_without_them(run: Path, tmp_path: Path) -> None:
+    with serving(INITIAL_NO_AUTH_ACTION_COUNT="1") as server:  # it lets in who makes the bucket, and asks from then on
+        wrong = server.environment
+        without = {name: value for name, value in wrong.items() if KEY not in value and SECRET not in value}
+        for environment in (wrong, without | {"AWS_EC2_METADATA_DISABLED": "true", "HOME": str(tmp_path)}):
+            ended = published(run, f"s3://{BUCKET}/x", environment)
+            assert (ended.returncode, ended.stdout) == (4, "")
+            (line,) = ended.stderr.splitlines()
+            assert line.startswith(f"error: s3://{BUCKET}/x")
+            assert "AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY" in line
+            assert SECRET not in line
+            assert KEY not in line
+            assert "Traceback" not in line
+
+
+def test_a_server_that_is_gone_is_one_line(run: Path) -> None:
+    ended = published(run, "s3://bucket/x", Server(1).environment)
+    assert (ended.returncode, ended.stdout) == (4, "")
+    (line,) = ended.stderr.splitlines()
+    assert "Connection refused" in line
+
+
+@pytest.mark.parametrize(("how", "said"), [("none", "no hard links"), ("overwrite", "take the name of a finished file")])
+def test_a_share_without_atomic_names_is_refused(run: Path, tmp_path_factory: pytest.TempPathFactory, how: str, said: str) -> None:
+    share = tmp_path_factory.mktemp("share")
+    environment = {"LD_PRELOAD": str(made("odd_share", tmp_path_factory)), "ODD_SHARE": str(share), "ODD_LINKS": how}
+    ended = published(run, str(share / "store"), environment)
+    assert (ended.returncode, ended.stdout) == (2, "")
+    (line,) = ended.stderr.splitlines()
+    assert said in line
+    assert "nothing was written" in line
+    assert [path for path in share.rglob("*") if path.is_file()] == []
+
+
+@pytest.mark.parametrize("free", [40_000, 90_000])
+def test_a_disk_that_is_full_in_the_middle(run: Path, tmp_path: Path, free: int) -> None:
+    """The run does not count, and is published whole once there is room."""
+    with small_disk(tmp_path / "disk", "8m") as disk:
+        place, filler = place_of(disk / "store"), disk / "filler"
+        with Publisher(place) as one:
+            left = os.statvfs(disk)
+            filler.write_bytes(bytes(left.f_bavail * left.f_frsize - free))
+            with pytest.raises(RecordError, match="No space left") as full:
+                one.publish(run)
+            assert "\n" not in str(full.value)
+            assert len(jbclog.open_runs(place.url)) == 0
+            filler.unlink()
+            assert one.publish(run).result is Result.PUBLISHED
+        found = check(place, timedelta(0))
+        assert (found.findings, found.runs) == ([], 1)
+        assert len(jbclog.open_runs(place.url)[0].samples()) == len(jbclog.open_run(run).samples())
+        assert check(place, timedelta(0)).leftovers == []
+
+
+@pytest.mark.campaign
+def test_an_annotation_in_s3_is_a_version(run: Path, s3: Server) -> None:
+    url = f"s3://{BUCKET}/versions"
+    with Publisher(place_of(url)) as one:
+        one.publish(run)
+        annotations.append(run, who="A. Rossi", what="a remark", why="a test")
+        assert one.publish(run).result is Result.VERSIONED
+    assert len(jbclog.open_runs(url)) == 1

@@ -1,0 +1,99 @@
+"""A real S3 server (moto's) in a process of its own: ``python tests/support faults.s3_server PORT [ignore|refuse]``.
+
+It has conditional writes. With ``ignore`` it takes no notice of `If-None-Match`, with ``refuse`` it answers 501 to it, as servers
+without conditional writes do. `Server` starts one, with a bucket.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from support.readers.texts import ROOT
+
+BUCKET = "plant-runs"
+KEY, SECRET = "AKIDOFATESTXYZ", "not-a-secret-but-never-printed"
+CONDITION = "HTTP_IF_NONE_MATCH"
+
+
+@dataclass(frozen=True)
+class Server:
+    """A server that runs."""
+
+    port: int
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """What a client needs, as the library takes it."""
+        return {
+            "AWS_ACCESS_KEY_ID": KEY,
+            "AWS_SECRET_ACCESS_KEY": SECRET,
+            "AWS_REGION": "us-east-1",
+            "AWS_ENDPOINT_URL": f"http://127.0.0.1:{self.port}",
+            "AWS_ALLOW_HTTP": "true",
+        }
+
+    def names(self) -> list[str]:
+        """The objects in the bucket."""
+        import boto3  # type: ignore[import-untyped]  # ships no types
+
+        told = dict(zip(("aws_access_key_id", "aws_secret_access_key"), (KEY, SECRET), strict=True))
+        client = boto3.client("s3", endpoint_url=f"http://127.0.0.1:{self.port}", region_name="us-east-1", **told)
+        pages = client.get_paginator("list_objects_v2").paginate(Bucket=BUCKET)
+        return [one["Key"] for page in pages for one in page.get("Contents", ())]
+
+
+@contextmanager
+def serving(how: str = "", **environment: str) -> Iterator[Server]:
+    """Serve while a `with` lasts. `environment` goes to the server."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    command = [sys.executable, str(ROOT / "tests" / "support"), "faults.s3_server", str(port), how]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ | environment)
+    try:
+        _wait(port)
+        request = urllib.request.Request(f"http://127.0.0.1:{port}/{BUCKET}", method="PUT")
+        urllib.request.urlopen(request, timeout=10).close()
+        yield Server(port)
+    finally:
+        process.terminate()
+        process.wait(20)
+
+
+def _wait(port: int) -> None:
+    for _ in range(400):
+        try:
+            urllib.request.urlopen(f"http://127.0.0.1:{port}/moto-api/", timeout=5).close()
+            return
+        except OSError:
+            time.sleep(0.05)
+    raise TimeoutError("the S3 server does not answer")
+
+
+def main(port: str, how: str = "") -> None:
+    from moto.server import DomainDispatcherApplication, create_backend_app
+    from werkzeug.serving import run_simple
+
+    serve = DomainDispatcherApplication(create_backend_app)
+
+    def without(environment: dict[str, Any], start: Callable[..., object]) -> Iterable[bytes]:
+        condition = environment.pop(CONDITION, None) if how else None
+        if condition and how == "refuse":
+            start("501 Not Implemented", [("Content-Type", "application/xml")])
+            return [b"<?xml version='1.0'?><Error><Code>NotImplemented</Code><Message>If-None-Match</Message></Error>"]
+        answer: Iterable[bytes] = serve(environment, start)
+        return answer
+
+    run_simple("127.0.0.1", int(port), without, threaded=True)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
