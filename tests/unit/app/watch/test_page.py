@@ -338,7 +338,7 @@ def sizes(opened: Page) -> tuple[int, int]:
 
 
 @pytest.mark.parametrize(
-    ("ports", "seconds"), [(16, 8), pytest.param(64, 300, marks=[pytest.mark.campaign, pytest.mark.timeout(900)])]
+    ("ports", "seconds"), [(16, 60), pytest.param(64, 300, marks=[pytest.mark.campaign, pytest.mark.timeout(900)])]
 )
 def test_many_ports_for_long_without_growth(browser: Chromium, ports: int, seconds: int) -> None:
     ticks = iter(range(200, 1_000_000))
