@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -705,3 +706,30 @@ def test_ten_followers_see_every_row_and_the_log_stays_bounded(recording: Record
     assert ended == [(f"{commits + 1} {commits} ()\n", "")] * 10
     assert size < 5 << 20
     assert recording.store.failure is None
+
+
+@pytest.mark.campaign
+def test_a_stream_of_64_ports_is_at_most_a_second_behind_the_commit(tmp_path: Path) -> None:
+    """By the clock, so on a machine that has time."""
+    recording, commits, committed = Recording(tmp_path, tuple(range(1, 65))), 40, list[float]()
+
+    def record() -> None:
+        for _ in range(commits):
+            recording.rows(10)
+            recording.commit()
+            committed.append(time.monotonic())
+            time.sleep(0.97)  # so that commits and looks drift along each other
+
+    recorder = threading.Thread(target=record)
+    behind: list[float] = []
+    with follow(recording.folder) as follower:
+        recorder.start()
+        for run in follower.stream():
+            seen = run.ports[0].coverage.due // 10 if run.ports else 0
+            behind += [time.monotonic() - at for at in committed[len(behind) : seen]]
+            if len(behind) == commits:
+                break
+    recorder.join()
+    recording.abandon()
+    print(f"behind the commit: {sum(behind) / commits:.2f} s on average, {max(behind):.2f} s at most")
+    assert max(behind) <= 1.0
