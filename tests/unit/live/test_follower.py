@@ -708,10 +708,10 @@ def test_ten_followers_see_every_row_and_the_log_stays_bounded(recording: Record
     assert recording.store.failure is None
 
 
-@pytest.mark.campaign
-def test_a_stream_of_64_ports_is_at_most_a_second_behind_the_commit(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("commits", "most_s"), [(3, WAIT_S), pytest.param(40, 1.0, marks=pytest.mark.campaign)])
+def test_a_stream_of_64_ports_is_at_most_a_second_behind_the_commit(tmp_path: Path, commits: int, most_s: float) -> None:
     """By the clock, so on a machine that has time."""
-    recording, commits, committed = Recording(tmp_path, tuple(range(1, 65))), 40, list[float]()
+    recording, committed = Recording(tmp_path, tuple(range(1, 65))), list[float]()
 
     def record() -> None:
         for _ in range(commits):
@@ -732,4 +732,4 @@ def test_a_stream_of_64_ports_is_at_most_a_second_behind_the_commit(tmp_path: Pa
     recorder.join()
     recording.abandon()
     print(f"behind the commit: {sum(behind) / commits:.2f} s on average, {max(behind):.2f} s at most")
-    assert max(behind) <= 1.0
+    assert max(behind) <= most_s
