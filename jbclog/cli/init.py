@@ -23,7 +23,7 @@ SCAN, HAND = "scan", "hand"
 
 @reports_errors
 def init(
-    ctx: typer.Context, folder: Path = typer.Argument(Path(), metavar="DIR", help="Folder for line.toml and recipe.toml.")
+    ctx: typer.Context, folder: Path = typer.Argument(Path(), metavar="DIR", help="Folder for line.toml and recipe.toml; made if needed.")
 ) -> None:
     """Write a first line file and recipe, by questions.
 
@@ -55,16 +55,15 @@ def init(
 
 
 def _expect_free(*files: Path) -> None:
-    """Raise `UsageError` if a file exists or its folder does not."""
+    """Raise `UsageError` if a file exists."""
     for file in files:
-        if not file.parent.is_dir():
-            raise UsageError(f"{file.parent}: no such folder")
         if file.exists() or file.is_symlink():
             raise UsageError(f"{file}: exists; init overwrites nothing. Edit it, or give another folder: jbclog init DIR")
 
 
 def _write(path: Path, text: str) -> None:
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("x", encoding="utf-8") as file:
             file.write(text)
     except OSError as error:
@@ -82,7 +81,8 @@ def _scanned(access: PortAccess) -> list[Described]:
     from jbclog.transport.system_ports import usb_ports
 
     usual = " ".join(port.name for port in usb_ports())
-    urls = _answer("Ports to scan, with blanks between them", _urls, usual or None)
+    none = "" if usual else " (no USB adapter was found here)"
+    urls = _answer(f"Ports to scan, with blanks between them{none}", _urls, usual or None)
     plans = [(url, plan_for(url, limit_s=None)) for url in urls]
     reports = search(plans, lambda report: print_progress(report, quiet=False), access)
     stations = described(reports)

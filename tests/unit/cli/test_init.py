@@ -80,6 +80,17 @@ def test_nothing_is_overwritten(tmp_path: Path, name: str) -> None:
     assert (tmp_path / name).read_text() == "mine"
 
 
+def test_a_folder_is_made_with_its_files(tmp_path: Path) -> None:
+    assert answered(tmp_path / "a" / "b", HAND[:4]).exit_code == 1
+    assert list(tmp_path.iterdir()) == []  # not before the last answer
+    assert answered(tmp_path / "a" / "b", HAND).exit_code == 0
+    assert {one.name for one in (tmp_path / "a" / "b").iterdir()} == {"line.toml", "recipe.toml"}
+    (tmp_path / "file").write_text("")
+    done = answered(tmp_path / "file" / "b", HAND)
+    assert done.exit_code == 2
+    assert "cannot write: Not a directory" in done.stderr
+
+
 def test_answers_that_end_early_write_nothing(tmp_path: Path) -> None:
     assert answered(tmp_path, HAND[:4]).exit_code == 1
     assert list(tmp_path.iterdir()) == []
