@@ -23,7 +23,8 @@ SCAN, HAND = "scan", "hand"
 
 @reports_errors
 def init(
-    ctx: typer.Context, folder: Path = typer.Argument(Path(), metavar="DIR", help="Folder for line.toml and recipe.toml; made if needed.")
+    ctx: typer.Context,
+    folder: Path = typer.Argument(Path(), metavar="DIR", help="Folder for line.toml and recipe.toml; made if needed."),
 ) -> None:
     """Write a first line file and recipe, by questions.
 
