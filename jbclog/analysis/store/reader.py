@@ -7,9 +7,11 @@ known, so that a table of which a part is missing is an error, never a shorter a
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import chain
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import unquote
 
@@ -125,11 +127,10 @@ class Store:
         chosen = mine if condition is None else mine & condition
         try:
             fragments = self._fragments(table, one, mine)
-            there = sum(fragment.count_rows(filter=mine) for fragment in fragments)
-            expect_rows(self.place, one, table, there)
+            expect_rows(self.place, one, table, sum(count_rows(fragment, mine) for fragment in fragments))
+            schema = self.dataset(table).schema
             for fragment in fragments:
-                batches = fragment.to_batches(columns=list(columns), filter=chosen, batch_size=BATCH_ROWS, batch_readahead=1)
-                yield from (as_own(pa.Table.from_batches([batch]), table) for batch in batches if batch.num_rows)
+                yield from (as_own(piece, table) for piece in chosen_rows(fragment, columns, chosen, schema))
         except (OSError, pa.ArrowException) as error:
             raise RecordError(missing(self.place, one.identity.run, table, one_line(error))) from error
 
@@ -180,6 +181,49 @@ def actions_of(table: DeltaTable) -> pa.Table:
     return pa.table(table.get_add_actions(flatten=True))
 
 
+# Where delta-rs removes some rows of a file, it writes the file anew with Arrow's views of texts as types, which Arrow cannot
+# compare with texts. Such a file is read first and filtered then.
+COMPARED: Final = ("publication", "metric", "station", "port", "time")
+
+
+def has_views(fragment: ds.Fragment) -> bool:
+    """Whether a file's texts are views."""
+    return any(pa.types.is_string_view(kind) for kind in fragment.physical_schema.types)
+
+
+def count_rows(fragment: ds.Fragment, condition: pc.Expression) -> int:
+    """Return the number of a file's rows that match."""
+    if not has_views(fragment):
+        return int(fragment.count_rows(filter=condition))
+    schema = fragment.physical_schema
+    return sum(piece.num_rows for piece in chosen_rows(fragment, ["publication"], condition, schema))
+
+
+def chosen_rows(fragment: ds.Fragment, columns: Sequence[str], condition: pc.Expression, schema: pa.Schema) -> Iterator[pa.Table]:
+    """Yield the rows of a file that match, `BATCH_ROWS` or fewer at a time; none is empty. A column that it lacks is null."""
+    if not has_views(fragment):
+        batches = fragment.to_batches(schema, list(columns), filter=condition, batch_size=BATCH_ROWS, batch_readahead=1)
+        yield from (pa.Table.from_batches([batch]) for batch in batches if batch.num_rows)
+        return
+    viewed = pa.schema([_like(field, fragment.physical_schema) for field in schema])
+    needed = [*columns, *(name for name in COMPARED if name in schema.names and name not in columns)]
+    for batch in fragment.to_batches(viewed, needed, batch_size=BATCH_ROWS, batch_readahead=1):
+        piece = as_texts(pa.Table.from_batches([batch])).filter(condition).select(list(columns))
+        if piece.num_rows:
+            yield piece
+
+
+def _like(field: pa.Field, there: pa.Schema) -> pa.Field:
+    """Return a field with the type that it has in a file."""
+    return field.with_type(there.field(field.name).type) if field.name in there.names else field
+
+
+def as_texts(piece: pa.Table) -> pa.Table:
+    """Return the rows with texts instead of views of texts."""
+    fields = [field.with_type(pa.utf8()) if pa.types.is_string_view(field.type) else field for field in piece.schema]
+    return piece.cast(pa.schema(fields))
+
+
 def as_own(piece: pa.Table, table: str) -> pa.Table:
     """Return the rows with the types and metadata that they have in a run's folder."""
     own = OWN[table]
@@ -220,6 +264,9 @@ def _iso(moment: datetime | None) -> str | None:
     return None if moment is None else f"{moment:%Y-%m-%dT%H:%M:%S.%fZ}"
 
 
+_NO_METRICS: Final = pa.schema([pa.field("publication", pa.utf8()), *OWN["metrics"]]).empty_table()
+
+
 def metric_rows(store: Store, runs: Iterable[Published], station: str | None, names: Collection[str] | None) -> pa.Table:
     """Return the metrics of many runs from one pass over the table, with the publication of each row. Raises `RecordError`.
 
@@ -228,17 +275,19 @@ def metric_rows(store: Store, runs: Iterable[Published], station: str | None, na
     runs = list(runs)
     wanted = pc.field("publication").isin(pa.array([one.findings for one in runs], pa.utf8()))
     condition = _in_partitions({one.line for one in runs}, {one.month for one in runs})
-    chosen, own = wanted if condition is None else wanted & condition, None
+    own = None
     if station is not None:
         own = pc.field("station") == station
     if names is not None:
         named = pc.field("metric").isin(pa.array(sorted(names), pa.utf8()))
         own = named if own is None else own & named
     with explained(store.place.url):
-        dataset = store.dataset("metrics")
-        there = pc.value_counts(dataset.to_table(columns=["publication"], filter=chosen)["publication"])
-        table = dataset.to_table(columns=["publication", *OWN["metrics"].names], filter=chosen if own is None else chosen & own)
-    counts = dict(zip(*(there.field(name).to_pylist() for name in (0, 1)), strict=True))
+        columns = ["publication", *OWN["metrics"].names]
+        dataset, chosen = store.dataset("metrics"), wanted if own is None else wanted & own
+        files = [*dataset.get_fragments(filter=wanted if condition is None else wanted & condition)]
+        there = [piece["publication"] for file in files for piece in chosen_rows(file, ["publication"], wanted, dataset.schema)]
+        rows = [piece for file in files for piece in chosen_rows(file, columns, chosen, dataset.schema)]
+    counts = Counter(chain.from_iterable(column.to_pylist() for column in there))
     for one in runs:
-        expect_rows(store.place, one, "metrics", counts.get(one.findings, 0))
-    return table
+        expect_rows(store.place, one, "metrics", counts[one.findings])
+    return pa.concat_tables([as_own(piece, "metrics") for piece in rows]) if rows else _NO_METRICS
