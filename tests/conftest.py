@@ -87,6 +87,13 @@ def pytest_configure(config: pytest.Config) -> None:
         os.environ["JBCLOG_ROW"] = row
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_cmdline_main(config: pytest.Config) -> None:
+    """Fast tests wait for nothing, and a worker computes for seconds before its first one."""
+    if config.option.markexpr == "fast" and config.pluginmanager.hasplugin("xdist"):
+        config.option.maxprocesses = config.option.maxprocesses or 3
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_collection(session: pytest.Session) -> Generator[None, object, object]:
     """Leave out the collector of cycles while ten thousand tests are made that all stay."""
@@ -117,17 +124,18 @@ def pytest_collection_finish() -> None:
 
 FAST = ("app", "cli", "config", "core", "maintenance", "protocol", "session", "sim", "transport")
 """Packages whose tests are fast."""
-NOT_FAST = {  # files that take more than a second: large inputs, child processes, slices of campaigns
+NOT_FAST = {  # files that take more than a second: large inputs, child processes, a browser, figures, slices of campaigns
     *("test_foreign_kinds.py", "test_foreign_opened.py", "test_jobs_file.py", "test_hands.py"),
     *("test_streams.py", "test_wrong_usage.py", "test_audit_fleet.py", "test_exchanges.py"),
     *("test_every_command.py", "test_reader_properties.py", "test_scan.py"),
+    *("watch/test_page.py", "maintenance/test_page.py", "test_terminal.py", "test_cpu_limit.py"),
 }
 UNIT = Path(__file__).parent / "unit"
 
 
 @functools.cache
 def is_fast(path: Path) -> bool:
-    return path.is_relative_to(UNIT) and path.relative_to(UNIT).parts[0] in FAST and path.name not in NOT_FAST
+    return path.is_relative_to(UNIT) and path.relative_to(UNIT).parts[0] in FAST and not any(map(path.match, NOT_FAST))
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

@@ -12,8 +12,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-import pandas as pd
-
 from support.command import started, until
 from support.virtual.served_line import ServedLine
 
@@ -47,6 +45,8 @@ def ended(run: subprocess.Popen[str]) -> str:
 
 def events(folder: Path) -> list[str]:
     """The kinds of all events that are sealed."""
+    import pandas as pd  # half a second, which tests without a guard do not wait for
+
     return list(pd.read_parquet(folder / "events")["kind"])
 
 

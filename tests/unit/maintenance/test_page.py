@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
@@ -22,6 +23,12 @@ from support.fleets import fleets
 every_fleet = pytest.mark.parametrize("make", fleets.ALL.values(), ids=fleets.ALL)
 
 
+@functools.cache
+def drawn(make: Callable[[], FleetAudit]) -> str:
+    """The page of an audit, drawn once for all that is looked for in it."""
+    return page_of(make())
+
+
 def first(*tasks: TaskState) -> FleetAudit:
     """One station, read for the first time."""
     return fleets.fleet(replace(fleets.station("a", 1, tasks=tasks), audits=1))
@@ -35,25 +42,25 @@ def words(page: str) -> str:
 
 @every_fleet
 def test_the_same_audit_gives_the_same_bytes(make: Callable[[], FleetAudit]) -> None:
-    assert page_of(make()) == page_of(make())
+    assert page_of(make()) == drawn(make)
 
 
 def test_what_a_user_has_set_for_figures_does_not_change_it() -> None:
-    known = page_of(fleets.trouble())
+    known = drawn(fleets.trouble)
     with rc_context({"lines.solid_capstyle": "round", "font.size": 30, "lines.antialiased": False}):
         assert page_of(fleets.trouble()) == known
 
 
 @every_fleet
 def test_the_page_needs_nothing_but_itself(make: Callable[[], FleetAudit]) -> None:
-    page = page_of(make())
+    page = drawn(make)
     assert "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'" in page
     assert Acting(re.sub(r"</?svg[^>]*>", "", page)).found == []  # the drawings are ours, of numbers only
     assert not re.search(r"url\(|@import|<img|<script|href=", page)
 
 
 def test_the_worst_station_stands_first_and_the_headline_says_how_many() -> None:
-    seen = words(page_of(fleets.trouble()))
+    seen = words(drawn(fleets.trouble))
     assert "✕ 1 OVERDUE" in seen
     assert "of 8 stations, of which 2 did not answer" in seen
     order = [row.station.station for row in overview_of(fleets.trouble()).rows]
@@ -86,18 +93,18 @@ def test_of_what_is_not_used_up_the_soonest_stands_first() -> None:
     ],
 )
 def test_the_headline_is_the_worst_that_there_is(make: Callable[[], FleetAudit], headline: str) -> None:
-    assert f" {headline} " in words(page_of(make()))
+    assert f" {headline} " in words(drawn(make))
 
 
 def test_a_due_range_is_a_range_and_never_one_day() -> None:
-    page = words(page_of(fleets.three()))
+    page = words(drawn(fleets.three))
     assert re.search(r"83 to 84 %, 334 to 338 of 400 h due 2026-12-18 to 2026-12-29", page.replace("\u00a0", " "))
     far = replace(fleets.task(0, 5, pace=0.2), state=State.FINE)
     assert "or later" in words(page_of(fleets.fleet(fleets.station("a", 1, tasks=(far,)))))
 
 
 def test_the_first_audit_ever_promises_nothing() -> None:
-    page = words(page_of(fleets.first_ever()))
+    page = words(drawn(fleets.first_ever))
     assert "First audit: 3 stations read; their use counts from here. Next: audit daily. Due dates need at least 4 audits." in page
     assert "not enough data: 1 of 4 audits" in page
     assert "Not counted here, or not read twice yet." in page
@@ -115,20 +122,20 @@ def test_a_first_audit_says_once_what_no_station_knows_and_what_is_not_defined()
 
 @every_fleet
 def test_a_phone_where_headings_are_hidden_shows_the_name_of_each_figure(make: Callable[[], FleetAudit]) -> None:
-    page = page_of(make())
+    page = drawn(make)
     assert re.findall(r'<td class="(?:n|used|when|wide)">(?!<small class="k">).{40}', page) == []
     hidden, phone = page.index(".rows small.k { display: none; }"), page.index("@media screen and (max-width: 640px)")
     assert hidden < phone < page.index(".rows small.k, .overview td.used small.k, .overview td.when small.k { display: inline;")
 
 
 def test_what_is_not_known_is_a_dash_with_its_reason_and_never_zero() -> None:
-    page = words(page_of(fleets.three()))
+    page = words(drawn(fleets.three))
     assert "–¹" in page
     assert "No run was recorded." in page
 
 
 def test_marks_stand_with_their_rule_and_what_was_worked_at_least_and_at_most() -> None:
-    page = words(page_of(fleets.trouble()))
+    page = words(drawn(fleets.trouble))
     found = page[page.index("Counter changes that are not explained", page.index("Not seen Station")) :]
     for said in ("working: 941, 12; 12 to 121 h", "fell together", "impossible", "31 or more", "nothing tells why"):
         assert said in found, said
@@ -137,19 +144,19 @@ def test_marks_stand_with_their_rule_and_what_was_worked_at_least_and_at_most() 
 
 
 def test_drift_says_from_how_many() -> None:
-    page = words(page_of(fleets.trouble()))
+    page = words(drawn(fleets.trouble))
     assert "port 1: sleep delay ≠ off, 6 of 7 others have 5 line3-hde and line3-nae" in page
     assert "0203457, was 0203456 at the last audit" in page
 
 
 def test_errors_now_and_since() -> None:
-    page = words(page_of(fleets.trouble()))
+    page = words(drawn(fleets.trouble))
     assert "line3-dme · port 2 now short circuit" in page
     assert "line3-dme since the previous audit port.error: 3" in page
 
 
 def test_a_hall_of_a_hundred_is_drawn_small_and_whole() -> None:
-    page = page_of(fleets.hundred())
+    page = drawn(fleets.hundred)
     assert len(page) < 1_000_000
     for number in range(1, 101):
         assert page.count(f"<b>hall-{number:03}</b>") >= 2  # what is due, and use
