@@ -61,12 +61,12 @@ class WireLog:
 
 
 def until(true: Callable[[], bool], seconds: float = 60.0, every_s: float = 0.05) -> bool:
-    """Wait until `true`; give whether it came to that."""
+    """Wait until `true`; give whether it came to that. A look that takes long is taken rarely: what is waited for computes, too."""
     end = time.monotonic() + seconds
-    while time.monotonic() < end:
+    while (began := time.monotonic()) < end:
         if true():
             return True
-        time.sleep(every_s)
+        time.sleep(max(every_s, min(3 * (time.monotonic() - began), 1.0)))
     return true()
 
 

@@ -13,6 +13,7 @@ import os
 import struct
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import lru_cache
 from pathlib import Path
 from typing import BinaryIO, Final
 
@@ -191,6 +192,8 @@ def _expect_plausible(metadata: pq.FileMetaData, groups: Sequence[RowGroup], siz
 
 # Page headers: struct PageHeader of https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift.
 HEAD_BYTES: Final = 16 << 10
+USUAL_HEAD_BYTES: Final = 256
+KEPT_HEADS: Final = 4096  # cached page headers: those of a week's samples of a few columns
 UNPACKED, PACKED = 2, 3  # fields of a page header
 
 
@@ -226,7 +229,18 @@ def _pages(data: BinaryIO, chunk: ColumnChunk) -> Iterator[int]:
 
 
 def _head(data: bytes) -> tuple[dict[int, int | None], int]:
-    """Parse a page header; return its sizes and its own length in bytes."""
+    """Parse a page header; return its sizes and its own length in bytes.
+
+    A run's pages are read several times by whatever looks at it. A header that ends within its first bytes is the same whatever
+    follows.
+    """
+    try:
+        return _usual_head(data[:USUAL_HEAD_BYTES])
+    except NotReadable:
+        return _parsed_head(data)
+
+
+def _parsed_head(data: bytes) -> tuple[dict[int, int | None], int]:
     reader = ThriftReader(data)
     found: dict[int, int | None] = {}
     try:
@@ -238,3 +252,6 @@ def _head(data: bytes) -> tuple[dict[int, int | None], int]:
     except (IndexError, ValueError):
         raise NotReadable("has an unreadable page header") from None
     return found, reader.at
+
+
+_usual_head = lru_cache(maxsize=KEPT_HEADS)(_parsed_head)

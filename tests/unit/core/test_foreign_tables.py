@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 from jbclog.core.foreign.files import NotReadable
 from jbclog.core.foreign.parquet_footer import BINARY, BYTE, I16, I32, I64, LIST, STRUCT, YES, ThriftReader, groups_in
-from jbclog.core.foreign.tables import TAIL, bounds_of, open_table, read_small
+from jbclog.core.foreign.tables import TAIL, _pages, bounds_of, open_table, read_small
 
 ROWS = pa.table(
     {
@@ -47,6 +48,19 @@ def test_the_footer_says_what_the_library_says(tmp_path: Path) -> None:
     micros = [(1_790_000_000_000_000 + second * 1_000_000).to_bytes(8, "little") for second in range(2)]
     assert bounds_of(path, "time") == [(one, one) for one in micros]
     assert bounds_of(path, "value")[1] is None
+
+
+@pytest.mark.parametrize("length", [10, 500, 3000])
+def test_a_page_s_header_is_read_whatever_its_length(tmp_path: Path, length: int) -> None:
+    """The library writes the least and the greatest text of a page into its header, too."""
+    texts = [letter * length for letter in "ab"]
+    path = tmp_path / "a.parquet"
+    pq.write_table(pa.table({"name": texts}), path, use_dictionary=False, write_page_checksum=True)
+    (group,) = groups_in(footer_of(path.read_bytes()))
+    (size,) = _pages(io.BytesIO(path.read_bytes()), group.chunks[0])
+    assert size >= 2 * length
+    assert size < 2 * length + 20
+    assert read_small(path)["name"].to_pylist() == texts
 
 
 def child_that_ends(path: Path, all_of_them: Iterator[bytes]) -> int:
