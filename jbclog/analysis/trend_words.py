@@ -6,14 +6,14 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from html import escape
-from typing import Final
-
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING, Final
 
 from jbclog.analysis import spc
-from jbclog.analysis.figures.canvas import svg_text
 from jbclog.analysis.notebook_html import table, text
 from jbclog.analysis.trend import Point, Trend, metric_text, title_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 MOST: Final = 10
 STYLE: Final = (
@@ -99,6 +99,8 @@ def _capability(found: spc.Capability | spc.Refused | None) -> dict[str, object]
 
 def page(trends: Sequence[Trend], metric: str, figure: Figure) -> str:
     """Return an HTML page without external resources: definition of the metric, chart, results, every value."""
+    from jbclog.analysis.figures.canvas import svg_text  # loads matplotlib
+
     results = "".join(f"<p>{'<br>'.join(escape(_shown(line)) for line in lines(one))}</p>" for one in trends)
     cells = [_cells(one, point) for one in trends for point in one.points]
     heads = ("run", "started", "station", "port", "value", "unit", "n", "why there is no value")

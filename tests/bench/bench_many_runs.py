@@ -1,7 +1,8 @@
 """What many runs cost: ``python tests/bench/bench_many_runs.py [--short]``.
 
 240 copies of a sealed run of two stations with its report (``--short``: 60). CPU a run, the least of interleaved rounds: finding
-the runs as `jbclog runs` does; a trend of one metric over them; the same without reports, over few. Beside them the plain way: each
+the runs as `jbclog runs` does; a trend of one metric over them, over as many with the metrics that a recorder leaves instead of a
+report, and over few with neither. All without an index (`bench_index.py`). Beside them the plain way: each
 `manifest.json` read and parsed by Python's `json`, without a check of any kind.
 
 The limits are ratios to that, which differ little between machines, and what a maintainer promises of a trend: 3 ms a run.
@@ -22,9 +23,14 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from common import at_most, in_own_process, is_short, judge, show
 
-from jbclog.analysis.runs import open_runs
+from jbclog.analysis.run import open_run
+from jbclog.analysis.run_metrics import computed_metrics
+from jbclog.analysis.runs import Records, open_runs
+from jbclog.analysis.stored_tables import cache_metrics
 from jbclog.analysis.trend import trends
 from jbclog.record.find_runs import find
+from jbclog.record.folder import METRICS_CACHE
+from jbclog.record.manifest import manifest_sha256
 from jbclog.report.write import write_report
 from support.records.small_run import make_run
 
@@ -49,7 +55,7 @@ def parsed(out: Path) -> None:
 
 
 def trend(out: Path) -> None:
-    found = trends(open_runs(out))
+    found = trends(open_runs(out).through(Records(cache=True)))
     assert all(len(one.known) > 1 for one in found[:1]), "no run has the metric"
 
 
@@ -69,26 +75,31 @@ def measured(made: Path, count: int) -> list[float]:
     write_report(run)
     with_report = copies(run, made / "with", count)
     without = copies(run, made / "without", WITHOUT, OF_REPORT)
-    calls = [(parsed, with_report), (lambda out: list(find(out)), with_report), (trend, with_report)]
+    cache_metrics(next(without.iterdir()), computed_metrics(open_run(run)), manifest_sha256(run))
+    cached = copies(next(without.iterdir()), made / "cached", count)
+    (next(without.iterdir()) / METRICS_CACHE).unlink()
+    calls = [(parsed, with_report), (lambda out: list(find(out)), with_report), (trend, with_report), (trend, cached)]
     return least_ms(calls, ROUNDS) + least_ms([(trend, without)], 1)
 
 
 def main() -> int:
     count = SHORT_RUNS if is_short(__doc__) else RUNS
     with TemporaryDirectory(prefix="jbclog-bench-") as made:
-        plain, found, stored, computed = in_own_process(measured, Path(made), count)
+        plain, found, stored, cached, computed = in_own_process(measured, Path(made), count)
     rows = [
         ("manifest by json alone", plain),
         ("runs", found),
-        ("trend", stored),
+        ("trend, with reports", stored),
+        ("trend, with what the recorder left", cached),
         (f"trend, {WITHOUT} runs without reports", computed),
     ]
     show(f"{count} runs", ["", "CPU a run, ms", "ratio"], [[text, ms, ms / plain] for text, ms in rows])
     return judge(
         [
-            at_most("runs, as against json.loads of each manifest", found / plain, 3.5),
-            at_most("trend, as against json.loads of each manifest", stored / plain, 20),
+            at_most("runs, as against json.loads of each manifest", found / plain, 2.5),
+            at_most("trend, as against json.loads of each manifest", stored / plain, 25),
             at_most("trend of runs with a report: CPU a run", stored, MOST_MS, " ms"),
+            at_most("trend of runs that nobody has looked at: CPU a run", cached, MOST_MS, " ms"),
         ]
     )
 

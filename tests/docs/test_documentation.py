@@ -81,6 +81,8 @@ def test_the_sizes_of_foreign_files_are_the_limits() -> None:
         "report.json": (Kind.REPORT,),
         "other files of a report": (Kind.OF_REPORT,),
         "lease": (Kind.LEASE,),
+        "metrics that a recorder left (`metrics.parquet`)": (Kind.CACHE,),
+        "index of runs in the user's cache folder": (Kind.INDEX,),
         "guard's log, list of damage": (Kind.ACTION_LOG, Kind.DAMAGE),
         "lock; line, recipe or jobs file": (Kind.LOCK, Kind.SETTINGS),
         "batch journal of an earlier release": (Kind.JOURNAL,),

@@ -70,11 +70,11 @@ class RunIndex:
         if paths == [folder] or wanted.ended_since is not None:
             yield from find(folder, wanted)
             return
-        place = self._place(folder)
+        place, is_any = self._place(folder), wanted == ALL
         for path in paths:
-            if wanted.may_have(path):
+            if is_any or wanted.may_have(path):
                 run = self._summary(place, path, wanted)
-                if isinstance(run, Unreadable) or (run is not None and wanted.fits(run)):
+                if run is not None and (is_any or isinstance(run, Unreadable) or wanted.fits(run)):
                     yield run
         self._file.keep_only(place, FOUND, {os.fsencode(path.name) for path in paths})
 

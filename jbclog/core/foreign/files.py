@@ -132,7 +132,7 @@ LIMITS: Final[Mapping[Kind, int]] = MappingProxyType(
         Kind.PART: 4 * GIB,  # an hour of 256 ports at 10 Hz takes 50 MB
         Kind.STORE: 16 * GIB,  # an hour of rows, or the whole disk where sealing fails
         Kind.RECORD: 16 * GIB,
-        Kind.INDEX: 2 * GIB,  # 10 000 runs of three ports take 60 MB
+        Kind.INDEX: 2 * GIB,  # 10 000 runs of three ports take 130 MB
         Kind.CACHE: 4 * MIB,  # the metrics of 256 ports take 60 kB
     }
 )

@@ -30,6 +30,7 @@ TAIL: Final = struct.Struct("<I4s")
 FOOTER_BYTES: Final = 4 * MIB  # an hour of 256 ports at 10 Hz takes 1.4 MB
 FOOTER_LIST: Final = 8192  # entries of one of its lists
 GROUP_ROWS: Final = 262_144
+THREADED_ROWS: Final = 4096  # threads take longer for fewer
 GROUP_BYTES: Final = 128 * MIB  # of the columns read, uncompressed
 ROWS_A_BYTE: Final = 16  # rows without any reading take a quarter of a byte each
 FREE_ROWS: Final = 1_000_000  # whatever the file's size
@@ -103,7 +104,8 @@ class ParquetTable:
     def group(self, index: int, columns: Sequence[str] | None = None) -> pa.Table:
         """Read one row group. Raises `NotReadable` where it exceeds a limit."""
         self._expect_sound(index, columns)
-        rows = self._file.read_row_group(index, columns=None if columns is None else list(columns))
+        is_large = self.row_groups[index].rows > THREADED_ROWS
+        rows = self._file.read_row_group(index, None if columns is None else list(columns), use_threads=is_large)
         expect_values(rows, f"row group {index}: ")
         return rows
 
