@@ -127,7 +127,7 @@ FAST = ("app", "cli", "config", "core", "maintenance", "protocol", "session", "s
 NOT_FAST = {  # files that take more than a second: large inputs, child processes, a browser, figures, slices of campaigns
     *("test_foreign_kinds.py", "test_foreign_opened.py", "test_jobs_file.py", "test_hands.py"),
     *("test_streams.py", "test_wrong_usage.py", "test_audit_fleet.py", "test_exchanges.py"),
-    *("test_every_command.py", "test_reader_properties.py", "test_scan.py"),
+    *("test_every_command.py", "test_reader_properties.py", "test_scan.py", "test_export.py", "test_mdf.py", "test_qdas.py"),
     *("watch/test_page.py", "maintenance/test_page.py", "test_terminal.py", "test_cpu_limit.py"),
 }
 UNIT = Path(__file__).parent / "unit"

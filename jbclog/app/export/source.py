@@ -30,7 +30,7 @@ SCHEMA_OF: Final[Mapping[str, pa.Schema]] = {
 }
 """The columns of each table that can be exported, with units."""
 
-CHECKED: Final = "jbclog check found no differences"
+CHECKED: Final = "hashes, counts and chains agree"
 NOT_CHECKED: Final = "not checked (--unchecked)"
 
 

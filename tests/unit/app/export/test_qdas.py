@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import subprocess
 import sys
@@ -38,6 +39,7 @@ def folder(source: Source, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@functools.cache
 def read(path: Path) -> tuple[int, dict[str, str], dict[str, tuple[dict[str, object], list[list[object]]]]]:
     command = [sys.executable, "-W", "ignore::DeprecationWarning", "-c", READER, str(path)]
     ended = subprocess.run(command, capture_output=True, text=True, check=True)
