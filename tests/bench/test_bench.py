@@ -22,6 +22,7 @@ NAMES = (
     "audit",
     "old_ledger",
     "instructions",
+    "growth",
 )
 LONGEST_S = 300
 

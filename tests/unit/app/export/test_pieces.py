@@ -13,7 +13,7 @@ import jbclog
 from jbclog.app.export import csv_files, mdf, workbook
 from jbclog.app.export.source import Source
 
-PIECES = 30
+PIECES = 12
 
 
 @pytest.mark.parametrize(("write", "most"), [(csv_files.write, 2), (workbook.write, 2), (mdf.write, 5)])

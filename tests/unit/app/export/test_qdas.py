@@ -19,17 +19,22 @@ from support.records.sealed_run import samples, seal, station, table
 
 READER = """
 import contextlib, json, sys
-with contextlib.redirect_stdout(sys.stderr):
-    from aqdefreader import read_dfq_file
-    file = read_dfq_file(sys.argv[1])
-    part = file.get_part(0)
-    found = []
+from aqdefreader import read_dfq_file
+
+def read(path):
+    file = read_dfq_file(path)
+    part, found = file.get_part(0), []
     for one in part.get_characteristics():
         values = [[m.value, m.attribute if m.attribute is not None else 0, str(m.datetime)] for m in one.get_measurements()]
         found.append([{key: one.get_data(key) for key in one.get_data_keys()}, values])
     fields = {key: part.get_data(key) for key in ("K1001", "K1002", "K1053", "K1081", "K1342", "K1900")}
-print(json.dumps([file.part_count(), fields, found]))
+    return [file.part_count(), fields, found]
+
+with contextlib.redirect_stdout(sys.stderr):
+    files = [read(path) for path in sys.argv[1:]]
+print(json.dumps(files))
 """
+Read = tuple[int, dict[str, str], dict[str, tuple[dict[str, object], list[list[object]]]]]
 
 
 @pytest.fixture(scope="module")
@@ -40,11 +45,18 @@ def folder(source: Source, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @functools.cache
-def read(path: Path) -> tuple[int, dict[str, str], dict[str, tuple[dict[str, object], list[list[object]]]]]:
-    command = [sys.executable, "-W", "ignore::DeprecationWarning", "-c", READER, str(path)]
+def files(folder: Path) -> dict[str, Read]:
+    paths = sorted(folder.iterdir())
+    command = [sys.executable, "-W", "ignore::DeprecationWarning", "-c", READER, *map(str, paths)]
     ended = subprocess.run(command, capture_output=True, text=True, check=True)
-    parts, fields, found = json.loads(ended.stdout)
-    return parts, fields, {described["K2001"]: (described, values) for described, values in found}
+    return {
+        path.name: (parts, fields, {described["K2001"]: (described, values) for described, values in found})
+        for path, (parts, fields, found) in zip(paths, json.loads(ended.stdout), strict=True)
+    }
+
+
+def read(path: Path) -> Read:
+    return files(path.parent)[path.name]
 
 
 def test_aqdefreader_reads_each_joint_of_a_port(folder: Path, run: jbclog.Run) -> None:
