@@ -9,6 +9,7 @@ import json
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -18,8 +19,8 @@ from support.faults import crash
 SCENARIOS = sorted(crash.SCENARIOS)
 
 
-def killed(tmp_path: Path, *arguments: str) -> list[dict[str, object]]:
-    """What was left after each kill."""
+def killed(tmp_path: Path, *arguments: str) -> list[Any]:
+    """What was left after each kill, and what else the program says in between."""
     command = program("faults.crash", arguments[0], tmp_path, *arguments[1:])
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -50,11 +51,23 @@ def assert_scenario(scenario: str, outcomes: list[dict[str, object]]) -> None:
             assert left["lost"] in (0.0, 1.0)
 
 
+@pytest.fixture(scope="module")
+def slices(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, bool], list[dict[str, object]]]:
+    """What was left after kills at some steps, by scenario and whether the power went, too; of one program."""
+    found: dict[tuple[str, bool], list[dict[str, object]]] = {}
+    for line in killed(tmp_path_factory.mktemp("slices"), "slice", "3", "23"):
+        if isinstance(line, list):
+            scenario, power = line
+            outcomes = found[scenario, power] = []
+        else:
+            outcomes.append(line)
+    return found
+
+
 @pytest.mark.parametrize("power", [False, True], ids=["kill", "power"])
 @pytest.mark.parametrize("scenario", SCENARIOS)
-def test_killed_at_some_steps(tmp_path: Path, scenario: str, power: bool) -> None:
-    first = 3 + 4 * power + SCENARIOS.index(scenario)
-    outcomes = killed(tmp_path, scenario, str(first), "23", *(["--power"] if power else []))
+def test_killed_at_some_steps(slices: dict[tuple[str, bool], list[dict[str, object]]], scenario: str, power: bool) -> None:
+    outcomes = slices[scenario, power]
     assert len(outcomes) >= 2
     assert_scenario(scenario, outcomes)
 

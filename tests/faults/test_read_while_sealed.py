@@ -56,35 +56,47 @@ def closed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return store.folder
 
 
-def steps_of(closed: Path, home: Path) -> list[str]:
-    sealing = Sealing(Path(shutil.copytree(closed, home / "whole" / closed.name)))
+@pytest.fixture(scope="module")
+def sealing_steps(closed: Path, tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    sealing = Sealing(Path(shutil.copytree(closed, tmp_path_factory.mktemp("whole") / closed.name)))
     sealing()
     return sealing.told
 
 
-def test_the_steps_of_sealing_are_those_that_can_be_seen(closed: Path, tmp_path: Path) -> None:
+def test_the_steps_of_sealing_are_those_that_can_be_seen(sealing_steps: list[str]) -> None:
     """Each part, then the manifest, then the store before its log and index, which nobody opens without it."""
-    told = steps_of(closed, tmp_path)
-    assert [step.split()[0] for step in told[:5]] == ["replace"] * 5
-    assert all(".part-0000.parquet" in step for step in told[:4])
-    assert "manifest.json" in told[4]
-    assert told[5:] == ["unlink live.sqlite", "unlink live.sqlite-shm", "unlink live.sqlite-wal", "unlink live.lock"]
+    assert [step.split()[0] for step in sealing_steps[:5]] == ["replace"] * 5
+    assert all(".part-0000.parquet" in step for step in sealing_steps[:4])
+    assert "manifest.json" in sealing_steps[4]
+    assert sealing_steps[5:] == ["unlink live.sqlite", "unlink live.sqlite-shm", "unlink live.sqlite-wal", "unlink live.lock"]
+
+
+def sealed_meanwhile(closed: Path, home: Path, step: str, until: int | None) -> None:
+    """As far as a step of sealing (None: to its end), after which the process that seals may have died, too."""
+    folder = Path(shutil.copytree(closed, home / f"{until}" / closed.name))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with meanwhile(step, Sealing(folder, until)) as done:
+            ticks = list(open_run(folder).samples(columns=["tick"])["tick"])
+    assert step in done
+    assert ticks == list(range(ROWS)), (step, until)
+    recover(folder)
+    assert check(folder) == [], (step, until)
+    assert list(folder.glob("live*")) == [], (step, until)
 
 
 @pytest.mark.parametrize("step", READING)
-def test_it_may_be_sealed_at_any_step_of_a_reader(closed: Path, tmp_path: Path, step: str) -> None:
-    """As far as each of its steps, after which the process that seals may have died, too."""
-    for until in (*range(len(steps_of(closed, tmp_path))), None):
-        folder = Path(shutil.copytree(closed, tmp_path / f"{until}" / closed.name))
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            with meanwhile(step, Sealing(folder, until)) as done:
-                ticks = list(open_run(folder).samples(columns=["tick"])["tick"])
-        assert step in done
-        assert ticks == list(range(ROWS)), (step, until)
-        recover(folder)
-        assert check(folder) == [], (step, until)
-        assert list(folder.glob("live*")) == [], (step, until)
+def test_it_may_be_sealed_at_a_step_of_a_reader(closed: Path, sealing_steps: list[str], tmp_path: Path, step: str) -> None:
+    """Wholly, and as far as every third step of sealing: each of them at every third step of a reader."""
+    for until in (*range(READING.index(step) % 3, len(sealing_steps), 3), None):
+        sealed_meanwhile(closed, tmp_path, step, until)
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("step", READING)
+def test_it_may_be_sealed_at_any_step_of_a_reader(closed: Path, sealing_steps: list[str], tmp_path: Path, step: str) -> None:
+    for until in range(len(sealing_steps)):
+        sealed_meanwhile(closed, tmp_path, step, until)
 
 
 @pytest.mark.parametrize("step", [step for step in READING if step != "parts"])

@@ -1,7 +1,8 @@
 """Kills a process at a chosen step of its work on a run's folder, for real, and looks at what it leaves.
 
 Run as a program, because it forks: ``python tests/support faults.crash SCENARIO DIR FIRST STRIDE [--power]`` prints a line
-of JSON for each step FIRST, FIRST + STRIDE ... at which it killed, until the work ends by itself.
+of JSON for each step FIRST, FIRST + STRIDE ... at which it killed, until the work ends by itself. ``... slice DIR FIRST
+STRIDE`` does so in every scenario, with and without ``--power``.
 ``... random DIR SEED TRIALS`` kills a recorder at random moments instead.
 
 A step is whatever reaches the disk: a sync, a rename, a removal, a new folder, an SQL statement, a row group. The kill
@@ -245,6 +246,14 @@ def kill_at_steps(scenario: str, home: Path, first: int, stride: int, power: boo
         shutil.rmtree(trial)
 
 
+def kill_at_some_steps(home: Path, first: int, stride: int) -> None:
+    """In every scenario, with and without power, each beginning at another step; a line with its name comes before each."""
+    for power in (False, True):
+        for number, scenario in enumerate(sorted(SCENARIOS)):
+            print(json.dumps([scenario, power]), flush=True)
+            kill_at_steps(scenario, home / f"{scenario}-{power}", first + 4 * power + number, stride, power)
+
+
 def kill_at_random(home: Path, seed: int, trials: int) -> None:
     rng = random.Random(seed)
     for trial in range(trials):
@@ -281,7 +290,7 @@ def record_for_ever(out: Path, chance: float) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("scenario", choices=[*SCENARIOS, "random"])
+    parser.add_argument("scenario", choices=[*SCENARIOS, "random", "slice"])
     parser.add_argument("dir", type=Path)
     parser.add_argument("first", type=int)
     parser.add_argument("stride", type=int)
@@ -289,6 +298,8 @@ def main() -> None:
     given = parser.parse_args()
     if given.scenario == "random":
         kill_at_random(given.dir, given.first, given.stride)
+    elif given.scenario == "slice":
+        kill_at_some_steps(given.dir, given.first, given.stride)
     else:
         kill_at_steps(given.scenario, given.dir, given.first, given.stride, given.power)
     sys.stdout.flush()

@@ -669,41 +669,48 @@ def test_a_user_without_write_permission_can_follow(recording: Recording) -> Non
 
 
 FOLLOWING = """
-import sys
+import os, sys
 from jbclog.live import follow
-with follow(sys.argv[1]) as follower:
-    for run in follower.stream(0.02):
-        if run.ports:
-            print("follows", flush=True)
-            break
-    for run in follower.stream(0.02):
-        if run.ports[0].coverage.due >= int(sys.argv[2]) and run.is_whole:
-            break
-    print(run.ports[0].coverage.due, len(run.events), run.problems)
+def following():
+    with follow(sys.argv[1]) as follower:
+        for run in follower.stream(0.02):
+            if run.ports:
+                os.write(1, b"follows\\n")  # at once: ten write here
+                break
+        for run in follower.stream(0.02):
+            if run.ports[0].coverage.due >= int(sys.argv[2]) and run.is_whole:
+                break
+        os.write(1, f"{run.ports[0].coverage.due} {len(run.events)} {run.problems}\\n".encode())
+children = []
+for _ in range(int(sys.argv[3])):
+    children.append(os.fork())
+    if not children[-1]:
+        following()
+        os._exit(0)
+sys.exit(any([os.waitpid(child, 0)[1] for child in children]))
 """
+"""As many processes that follow as it is asked for, forked from one that has everything imported."""
 
 
 def test_ten_followers_see_every_row_and_the_log_stays_bounded(recording: Recording) -> None:
     commits = 120
     recording.rows(1)
     recording.commit()
-    command = [sys.executable, "-c", FOLLOWING, str(recording.folder), str(commits + 1)]
-    followers = [subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) for _ in range(10)]
-    try:
-        for one in followers:
-            assert one.stdout is not None
-            assert one.stdout.readline() == "follows\n"
-        for _ in range(commits):
-            recording.rows(1, reasons=f"status={secrets.token_hex(50_000)}")
-            recording.event("host.busy", "late")
-            recording.commit()
-        size = (recording.folder / "live.sqlite-wal").stat().st_size
-        ended = [one.communicate(timeout=200) for one in followers]
-    finally:
-        for one in followers:
-            one.kill()
-            one.communicate()
-    assert ended == [(f"{commits + 1} {commits} ()\n", "")] * 10
+    command = [sys.executable, "-c", FOLLOWING, str(recording.folder), str(commits + 1), "10"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True) as followers:
+        assert followers.stdout is not None
+        try:
+            assert [followers.stdout.readline() for _ in range(10)] == ["follows\n"] * 10
+            for _ in range(commits):
+                recording.rows(1, reasons=f"status={secrets.token_hex(50_000)}")
+                recording.event("host.busy", "late")
+                recording.commit()
+            size = (recording.folder / "live.sqlite-wal").stat().st_size
+            told, wrong = followers.communicate(timeout=200)
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(followers.pid, signal.SIGKILL)
+    assert (told, wrong, followers.returncode) == (f"{commits + 1} {commits} ()\n" * 10, "", 0)
     assert size < 5 << 20
     assert recording.store.failure is None
 
