@@ -129,6 +129,7 @@ NOT_FAST = {  # files that take more than a second: large inputs, child processe
     *("test_streams.py", "test_wrong_usage.py", "test_audit_fleet.py", "test_exchanges.py"),
     *("test_every_command.py", "test_reader_properties.py", "test_scan.py", "test_export.py", "test_mdf.py", "test_qdas.py"),
     *("watch/test_page.py", "maintenance/test_page.py", "test_terminal.py", "test_cpu_limit.py"),
+    *("test_metrics_cache.py", "test_run_index.py", "test_index_file.py"),
 }
 UNIT = Path(__file__).parent / "unit"
 
