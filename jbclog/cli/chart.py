@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from jbclog.cli import options
-from jbclog.cli.options import NO_FOLDER, expect_file_place, expect_run, is_folder
+from jbclog.cli.options import NO_FOLDER, expect_file_place, expect_run, is_runs
 from jbclog.cli.output import echo, echo_json, note, note_unreadable, reports_errors
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.core.text import exact_figures
@@ -77,11 +77,14 @@ def chart(
 
 def _is_run(source: Path) -> bool:
     """Return whether `source` is one run; else it is a folder of runs. Raises `UsageError`."""
+    from jbclog.analysis.store.place import is_in_store, is_store
     from jbclog.record.recover import is_run
 
-    if not is_folder(source):
+    if is_in_store(source):
+        return True
+    if not is_runs(source):
         raise UsageError(NO_FOLDER.format(source))
-    if not is_run(Path(os.path.realpath(source))):
+    if is_store(source) or not is_run(Path(os.path.realpath(source))):
         return False
     expect_run(source)
     return True
@@ -101,8 +104,7 @@ def _measured(
     all_tests: bool,
 ) -> list[Charted]:
     from jbclog.analysis.charts import OF_VALUES, charted, series_of_run, series_of_runs
-    from jbclog.analysis.run import open_run
-    from jbclog.analysis.runs import open_runs
+    from jbclog.analysis.opening import open_run, open_runs
     from jbclog.analysis.spc import ALL_TESTS, DEFAULT_TESTS
     from jbclog.analysis.trend import expect_limits
 
@@ -125,8 +127,7 @@ def _measured(
 
 def _counted(source: Path, metric: str, kind: str | None, every: str) -> Counted | Ranked:
     from jbclog.analysis import charts
-    from jbclog.analysis.run import open_run
-    from jbclog.analysis.runs import open_runs
+    from jbclog.analysis.opening import open_run, open_runs
     from jbclog.config.durations import EXAMPLES, span_s
 
     possible = charts.COUNTED[metric]

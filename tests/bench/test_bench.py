@@ -19,6 +19,7 @@ NAMES = (
     "open_run",
     "watch",
     "many_runs",
+    "store",
     "audit",
     "old_ledger",
     "instructions",

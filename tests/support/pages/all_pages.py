@@ -16,6 +16,7 @@ from support.pages import (
     other_files,
     python,
     station_commands,
+    store_tables,
     tables,
     verdict,
 )
@@ -31,6 +32,7 @@ PAGES: Mapping[Path, Callable[[], str]] = {
     REFERENCE / "audit-files.md": other_files.page,
     REFERENCE / "python.md": python.page,
     REFERENCE / "tables.md": tables.page,
+    REFERENCE / "store-tables.md": store_tables.page,
     REFERENCE / "verdict.md": verdict.page,
     REFERENCE / "station-commands.md": station_commands.page,
     REFERENCE / "contradictions.md": contradictions.page,

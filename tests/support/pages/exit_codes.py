@@ -16,7 +16,8 @@ MEANINGS: Mapping[Exit, str] = {
     Exit.STATION: "A station did not answer at the start, is not in Robot mode, refused the recipe or cannot keep the rate; the "
     "run then starts on none (with `--allow-missing`, only if none starts). Or a station was disconnected at the end, or another "
     "run holds a port.",
-    Exit.RECORD: "The record is incomplete: crash, disk, hashes.",
+    Exit.RECORD: "The record is incomplete: crash, disk, hashes. `publish`: a run was refused, or the store cannot be "
+    "read or written.",
     Exit.UNSAFE: "A tool could not be put in its safe state. The last lines name station, port and last temperature.",
     Exit.INTERRUPTED: "SIGINT (Ctrl-C) before a stated end (duration, units or joints). Record closed, tools safe.",
     Exit.TERMINATED: "The same by SIGTERM or SIGHUP.",
