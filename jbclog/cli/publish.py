@@ -40,7 +40,7 @@ def publish(
 
     \b
     Example:
-      jbclog publish runs /srv/plant
+      jbclog publish runs /data/plant
     """
     if not is_folder(path):
         raise UsageError(NO_FOLDER.format(path))

@@ -37,7 +37,7 @@ def store(
 
     \b
     Example:
-      jbclog store check /srv/plant
+      jbclog store check /data/plant
     """
     if word not in WORDS:
         raise UsageError(f"store {word}: give one of {', '.join(WORDS)}")

@@ -196,8 +196,8 @@ def test_every_toml_block_is_a_file_that_a_test_reads() -> None:
 
 
 def test_every_block_is_of_a_kind_that_a_test_knows() -> None:
-    """`text` is printed, not typed; `yaml` is another program's file."""
-    known = {"sh", "toml", "python", "text", "yaml", "{toctree}", "{admonition}"}
+    """`text` is printed, not typed; `yaml` is another program's file, `sql` is run by `unit/analysis/store/test_readers.py`."""
+    known = {"sh", "toml", "python", "text", "yaml", "sql", "{toctree}", "{admonition}"}
     kinds = {name.split()[0] if name else "" for page in DOCS.rglob("*.md") for name, _ in FENCE.findall(page.read_text("utf-8"))}
     assert kinds <= known
 

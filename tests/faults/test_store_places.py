@@ -84,7 +84,7 @@ def test_publishing_from_two_hosts_is_one_run(run: Path, s3: Server, tmp_path: P
     url = f"s3://{BUCKET}/two"
     processes = [
         subprocess.Popen([*COMMAND, "publish", str(run), url], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        for _ in range(2)
+        for _ in ("one host", "another")
     ]
     said = [process.communicate(timeout=120)[0].strip() for process in processes]
     assert sorted(text.partition(": ")[2] for text in said) == ["already there (version 1)", "published (version 1)"]

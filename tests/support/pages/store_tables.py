@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import pyarrow as pa
 
-from jbclog.analysis.store.schema import DATA, PARTITIONS, RUNS, schema_of
+from jbclog.analysis.store.schema import DATA, RUNS, schema_of
 from support.pages.md_table import MADE, code, table
 
 INTRODUCTION = """
@@ -56,14 +56,4 @@ def _row(field: pa.Field) -> tuple[str, ...]:
     rows = field.name.removesuffix("_rows")
     holds = f"number of its rows in `{rows}`" if rows in DATA and rows != field.name else MEANINGS.get(field.name, "")
     unit = (field.metadata or {}).get(b"unit", b"").decode()
-    return (
-        code(field.name),
-        holds,
-        unit,
-        str(field.type),
-        "yes" if field.nullable and field.name not in PARTITIONS else _null(field),
-    )
-
-
-def _null(field: pa.Field) -> str:
-    return "yes" if field.nullable else "no"
+    return code(field.name), holds, unit, str(field.type), "yes" if field.nullable else "no"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from jbclog.cli.app import app
 from jbclog.core.errors import RecordError, UsageError
 from support.lazy import duckdb
 from support.lazy import polars as pl
+from support.readers.texts import ROOT
 from support.records.many_runs import many_runs, one_run, told
 
 RUNS = 4
@@ -110,6 +112,14 @@ def test_the_same_comparison(home: Path, place: Place) -> None:
     assert there == here
 
 
+@pytest.mark.parametrize("one", [True, False])
+def test_the_same_charts(home: Path, place: Place, one: bool) -> None:
+    name = f"/{jbclog.open_runs(home)[0].name}" if one else ""
+    here, there = (CliRunner().invoke(app, ["chart", f"{folder}{name}", "--metric", "dwell_s"]) for folder in (home, place.url))
+    assert (there.exit_code, there.stdout) == (here.exit_code, here.stdout)
+    assert here.stdout != ""
+
+
 def test_the_same_uses_of_a_tip(home: Path, place: Place) -> None:
     words = ("--station", "dde-1", "--since", "2026-09-21T07:30")
     here, there = (said("where-used", folder, *words) for folder in (home, place.url))
@@ -147,12 +157,6 @@ def pc_publication(name: str) -> object:
 
 # -- other programs ------------------------------------------------------------------------------------------------------------
 
-JOIN = """
-    SELECT s.run, s.tick, s.temperature_c FROM samples s JOIN (
-        SELECT max_by(record, version) AS record FROM runs GROUP BY run
-    ) newest ON s.publication = newest.record ORDER BY s.run, s."row"
-"""
-
 
 def expected(home: Path) -> list[tuple[str, int, object]]:
     found = pd.concat(jbclog.open_runs(home).samples(columns=["tick", "temperature_c"]))
@@ -161,11 +165,12 @@ def expected(home: Path) -> list[tuple[str, int, object]]:
 
 
 def test_duckdb(home: Path, place: Place) -> None:
-    """By what `deltalake` hands over; DuckDB's own extension for Delta Lake has to be downloaded."""
+    """By the query of the page. DuckDB's own extension for Delta Lake has to be downloaded, so `deltalake` hands the tables over."""
     connection = duckdb.connect()
     for name in ("samples", "runs"):
         connection.register(name, DeltaTable(place.of(name)).to_pyarrow_dataset())
-    assert connection.sql(JOIN).fetchall() == expected(home)
+    (query,) = re.findall(r"```sql\n(.*?)```", (ROOT / "docs" / "how-to" / "plant-store.md").read_text("utf-8"), re.DOTALL)
+    assert connection.sql(f'SELECT run, tick, temperature_c FROM ({query}) ORDER BY run, "row"').fetchall() == expected(home)
 
 
 def test_polars(home: Path, place: Place) -> None:
