@@ -3,8 +3,8 @@
 Each part varies one thing (stations, rate, length of a run, runs in a folder) and measures CPU, time, memory, bytes and
 lateness at each size. A point is a line in FOLDER/growth.jsonl as soon as it is measured; a program that is run again measures
 what is missing, so that it can be stopped at any time. ``--again`` measures the parts named anew, ``--most N`` leaves out sizes
-beyond N. ``--page`` writes docs/reference/growth.md and its pictures from all points. ``--tiny`` tries it with the smallest
-sizes, in a file of their own, ``--short`` the same in a folder that is removed.
+beyond N. ``--page`` writes the reference page "How cost grows" and its pictures from all points. ``--tiny`` tries it with the
+smallest sizes, in a file of their own, ``--short`` the same in a folder that is removed.
 
 Run it on an idle machine. Stations and rates take 16 recordings of a minute (``--seconds``); the week is the longest of the rest.
 """
