@@ -51,10 +51,16 @@ T = TypeVar("T")
 
 
 class Look(NamedTuple):
-    """The stamp of some files, and whether a later write is sure to change it."""
+    """The stamp of some files, and the times of their changes and of the look in ns since 1970."""
 
     stamp: bytes
-    is_settled: bool
+    times: list[int]
+    now: int
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether a later write is sure to change the stamp."""
+        return all(abs(self.now - time) > SETTLED_NS for time in self.times)
 
 
 class RunIndex:
@@ -156,7 +162,7 @@ def _look_at_record(run: Path) -> Look | None:
     try:
         for name in (*TABLES, RECIPES):
             with suppress(FileNotFoundError):
-                there += sorted(entry.path for entry in os.scandir(f"{run}/{name}"))
+                there += [f"{run}/{name}/{part}" for part in sorted(os.listdir(f"{run}/{name}"))]  # noqa: PTH208  # as below
     except OSError:
         return None
     return _look(there, len(str(run)), METHODS_TEXT)
@@ -164,18 +170,17 @@ def _look_at_record(run: Path) -> Look | None:
 
 def _look(paths: Iterable[str], run: int, by: str = "") -> Look:
     """Look at these files of a run, whose own path has so many characters. `by`: what reads them."""
-    now, newest, facts = time.time_ns(), [0], list[object]([by])
+    now, times, facts = time.time_ns(), list[int](), list[object]([by])
     for path in paths:
         try:
             found = os.lstat(path)  # a `Path` takes as long as all else
         except OSError as error:
             facts.append(error.errno)
-            newest += [] if error.errno == errno.ENOENT else [now]
+            times += [] if error.errno == errno.ENOENT else [now]
         else:
             facts.append((path[run:], found.st_mode, found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino))
-            newest += [found.st_mtime_ns, found.st_ctime_ns]
-    is_settled = all(abs(now - one) > SETTLED_NS for one in newest)
-    return Look(blake2b(repr(facts).encode(errors="surrogateescape"), digest_size=DIGEST).digest(), is_settled)
+            times += [found.st_mtime_ns, found.st_ctime_ns]
+    return Look(blake2b(repr(facts).encode(errors="surrogateescape"), digest_size=DIGEST).digest(), times, now)
 
 
 def _decoded(decoder: msgspec.msgpack.Decoder[T], data: bytes) -> T | None:
