@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import tarfile
+from collections.abc import Iterator
 from datetime import date, timedelta
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from jbclog.maintenance.ledger import add, read_book
 from jbclog.record.check import check
 from support.fleets.audit_fleet import BEGIN
 from support.fleets.counters import look
-from support.readers.notebook_runs import HOME, executed, has_picture, run_here, shown
+from support.readers.notebook_runs import HOME, Kernel, has_picture, kernel, run_here, shown
 from support.records import notebook_data
 from support.records.sealed_run import samples, seal, station, table
 
@@ -28,6 +29,12 @@ def unpack(packed: Path, folder: Path) -> None:
     with tarfile.open(packed) as opened:
         opened.extraction_filter = getattr(tarfile, "data_filter", None)  # Python before 3.11.4 has none
         opened.extractall(folder)
+
+
+@pytest.fixture(scope="module")
+def of_all() -> Iterator[Kernel]:
+    with kernel() as begun:
+        yield begun
 
 
 @pytest.fixture(autouse=True)
@@ -46,8 +53,8 @@ def test_each_opens_with_its_question_and_ends_with_its_limitations(notebook: Pa
     assert texts[-1].startswith("## Limitations")
 
 
-def test_following_an_alarm_shows_which_detector_reported_what() -> None:
-    node = executed(FOLLOW)
+def test_following_an_alarm_shows_which_detector_reported_what(of_all: Kernel) -> None:
+    node = of_all.executed(FOLLOW)
     found = shown(node, "findings")
     assert re.findall(r"incident (\d): detected by ([ABC and]+)", found) == [
         ("1", "A and B and C"),
@@ -66,8 +73,8 @@ def test_following_an_alarm_shows_which_detector_reported_what() -> None:
     assert has_picture(node, "zoomed")
 
 
-def test_joints_are_held_against_the_feeders_own_count() -> None:
-    node = executed(JOINTS)
+def test_joints_are_held_against_the_feeders_own_count(of_all: Kernel) -> None:
+    node = of_all.executed(JOINTS)
     assert "18 joints with solder wire found, the feeder counted 19 feeds: +1." in shown(node, "feeder")
     assert re.search(r"Two witnesses: feeder 19, heat (\d+|not known)\.", shown(node, "feeder"))
     assert "No readings from 79.6 s to 84.3 s" in shown(node, "feeder")
@@ -77,8 +84,8 @@ def test_joints_are_held_against_the_feeders_own_count() -> None:
         assert has_picture(node, cell), cell
 
 
-def test_capability_is_given_where_it_means_something_and_refused_elsewhere() -> None:
-    node = executed(CAPABILITY)
+def test_capability_is_given_where_it_means_something_and_refused_elsewhere(of_all: Kernel) -> None:
+    node = of_all.executed(CAPABILITY)
     worn, steady = shown(node, "words").split("dde-2 port 1")
     assert "test 5: two of three points beyond two sigma on one side" in worn
     assert "their spread is that of the resolution" in steady
@@ -95,8 +102,8 @@ def test_capability_is_given_where_it_means_something_and_refused_elsewhere() ->
         assert has_picture(node, cell), cell
 
 
-def test_the_audit_is_right_where_it_commits_itself() -> None:
-    node = executed(AUDIT)
+def test_the_audit_is_right_where_it_commits_itself(of_all: Kernel) -> None:
+    node = of_all.executed(AUDIT)
     assert "damaged lines of the ledger: 0" in shown(node, "open")
     supposed = shown(node, "marks")
     assert re.search(r"dde-1 +reset +reset_or_other_unit +28\n", supposed)  # two resets of seven counters at two ports

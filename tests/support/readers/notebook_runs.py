@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # imported where they are needed: nbformat takes two seconds, in each worker
+    from nbclient import NotebookClient
     from nbformat import NotebookNode
 
 HOME = Path(__file__).parents[3] / "notebooks"
@@ -18,14 +22,44 @@ NOTEBOOKS = sorted(HOME.glob("*.ipynb"))
 sys.modules.setdefault("rfc3987_syntax", None)  # type: ignore[arg-type]
 
 
-def executed(notebook: Path, folder: Path = HOME) -> NotebookNode:
-    """The notebook after all of its cells ran in `folder`. Raises where one fails."""
+ALONE = """%reset -f
+import os
+os.chdir({folder!r})
+for name in [name for name in os.environ if name.startswith("JBCLOG_")]:
+    del os.environ[name]
+os.environ.update({environment!r})
+del os, name
+"""
+
+
+class Kernel:
+    """A kernel for several notebooks, one after the other: each finds no name of the one before it."""
+
+    def __init__(self, client: NotebookClient) -> None:
+        self._client = client
+
+    def executed(self, notebook: Path, folder: Path = HOME) -> NotebookNode:
+        """The notebook after all of its cells ran in `folder`. Raises where one fails."""
+        import nbformat
+
+        node = nbformat.read(notebook, as_version=4)
+        environment = {name: value for name, value in os.environ.items() if name.startswith("JBCLOG_")}
+        alone = nbformat.v4.new_code_cell(ALONE.format(folder=str(folder), environment=environment))
+        node.cells.insert(0, alone)
+        self._client.nb = node
+        self._client.execute(cleanup_kc=False)
+        node.cells.remove(alone)
+        return node
+
+
+@contextmanager
+def kernel() -> Iterator[Kernel]:
     import nbformat
     from nbclient import NotebookClient
 
-    node = nbformat.read(notebook, as_version=4)
-    NotebookClient(node, timeout=250, resources={"metadata": {"path": str(folder)}}).execute()
-    return node
+    client = NotebookClient(nbformat.v4.new_notebook(), timeout=250)
+    with client.setup_kernel():
+        yield Kernel(client)
 
 
 def run_here(notebook: Path) -> None:
