@@ -209,6 +209,25 @@ def test_two_at_once_leave_one_copy(folder: Path, tmp_path: Path, monkeypatch: p
     assert rows(place)["runs"] == 1
 
 
+def test_who_decided_before_another_commit_decides_anew(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The other one publishes between our reading of `runs` and our commit to it: the library refuses ours."""
+    place, made = place_of(tmp_path / "store"), publisher._Writing._row
+    with Publisher(place) as first, Publisher(place) as second:
+
+        def slow(self: publisher._Writing, runs: DeltaTable) -> pa.Table | None:
+            chosen = made(self, runs)
+            monkeypatch.undo()
+            others.append(second.publish(folder).result)
+            return chosen
+
+        others: list[Result] = []
+        monkeypatch.setattr(publisher._Writing, "_row", slow)
+        assert first.publish(folder).result is Result.THERE
+    assert others == [Result.PUBLISHED, Result.THERE]  # asked twice: the commit after the first decision was refused
+    assert rows(place)["runs"] == 1
+    assert rows(place)["samples"] == len(jbclog.open_run(folder).samples())
+
+
 def test_a_commit_whose_answer_was_lost_is_found_again(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The storage made the commit and reported a conflict: it is ours, and its rows stay."""
     place, made = place_of(tmp_path / "store"), commits.committed
