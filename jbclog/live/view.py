@@ -67,7 +67,7 @@ class RunView:
     def _problems(self, phase: Phase) -> list[str]:
         found = [*self.events.problems((None, None))]
         if phase in (Phase.CRASHED, Phase.FINALIZED):
-            warning = hot_warning(self.folder, [facts.name for facts in self.stations if facts.unsafe])
+            warning = hot_warning(self.folder, self.stations, [facts.name for facts in self.stations if facts.unsafe])
             found += [warning] if warning else []
         if self.dropped_rows:
             found.append(f"{self.dropped_rows} rows could not be stored.")

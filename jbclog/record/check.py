@@ -63,7 +63,7 @@ def uncovered(folder: Path, head: str | None) -> Iterator[tuple[str, str]]:
     if head is None and not has_digest(folder):
         yield NAME, "has no digest (first release): only --head reveals a change"
     if os.path.lexists(folder / guard_actions.LEASE):
-        yield guard_actions.LEASE, "only the names of its stations are compared; `jbclog safe` removes it when their tools are safe"
+        yield guard_actions.LEASE, "only its stations and ports are compared; `jbclog safe` removes it when their tools are safe"
     for name in CACHES:
         if os.path.lexists(folder / name):
             yield name, "a cache, never the truth: only `jbclog trend` reads it, and `--no-cache` computes the same from the record"
@@ -79,11 +79,12 @@ def uncovered(folder: Path, head: str | None) -> Iterator[tuple[str, str]]:
 
 
 def _lease(folder: Path, manifest: Manifest) -> Iterator[tuple[str, str]]:
-    """A lease is left only while its tools may be hot; the manifest then names the same stations."""
+    """A lease is left only while its tools may be hot, and the manifest names the same stations; or its guard was killed late."""
     if not os.path.lexists(folder / guard_actions.LEASE):
         return
     named = conclude.left_leases(folder).keys()
-    unknown = named - {facts.name for facts in manifest.stations if facts.unsafe}
+    hot = {facts.name for facts in manifest.stations if facts.unsafe}
+    unknown = conclude.unconfirmed_leases(folder, manifest.stations) - hot
     if not named:
         yield guard_actions.LEASE, "names no station whose tools may be hot"
     elif unknown:

@@ -24,6 +24,7 @@ from jbclog.core.foreign.json_reader import builder, json_of
 from jbclog.core.foreign.tables import metadata_of, open_table
 from jbclog.core.locks import FolderLock, commit_status
 from jbclog.core.rows import EventRow, Severity, StationFacts
+from jbclog.core.states import SafetyResult
 from jbclog.record import capture, guard_actions
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import units_of
@@ -113,9 +114,33 @@ def _lease(folder: Path) -> tuple[dict[str, Lease], str]:
     return found, wrong
 
 
-def hot_warning(folder: Path, unsafe: Collection[str] = ()) -> str:
-    """Return the warning about stations that may still be hot, `unsafe` included; empty where there are none."""
-    names, why = ", ".join(sorted({*left_leases(folder), *unsafe})), unreadable_lease(folder)
+def unconfirmed_leases(folder: Path, stations: Collection[StationFacts]) -> set[str]:
+    """Return the stations of the open lease, but for those whose leased tools the facts have in their safe state.
+
+    A guard that is killed after it made the tools safe, and logged that, leaves its lease open. A recorder that ends closes it:
+    then only the guard's lines count.
+    """
+    held, known = left_leases(folder), {facts.name: facts for facts in stations}
+    if not held.keys() & known.keys():
+        return {*held}
+    by_guard = {(event.station, event.port) for event in guard_actions.action_log(folder) if event.kind == guard_actions.SAFE}
+    return {name for name, lease in held.items() if name not in known or not _is_confirmed(known[name], lease, by_guard)}
+
+
+def _is_confirmed(facts: StationFacts, lease: Lease, by_guard: Collection[tuple[str | None, int | None]]) -> bool:
+    def is_safe(port: int) -> bool:
+        is_open = facts.outcome == RUNNING or (facts.name, port) in by_guard
+        return is_open and facts.safe_state.get(port) == SafetyResult.VERIFIED
+
+    return not facts.unsafe and not lease.feeds and all(is_safe(port) for port in lease.ports)
+
+
+def hot_warning(folder: Path, stations: Collection[StationFacts], unsafe: Collection[str] = ()) -> str:
+    """Return the warning about stations that may still be hot, `unsafe` included; empty where there are none.
+
+    `stations` are the facts that the record has, with the guard's results.
+    """
+    names, why = ", ".join(sorted({*unconfirmed_leases(folder, stations), *unsafe})), unreadable_lease(folder)
     found = []
     if names:
         found.append(f"Tools of {names} may still be hot: their safe state is not confirmed.")
@@ -255,8 +280,27 @@ def _refuse_unsealed(store: StoreReader) -> None:
 
 
 def stations_of(folder: Path, store: StoreReader, manifest: Manifest) -> list[StationFacts]:
-    """Return the stations' facts with the guard's results."""
-    return guard_actions.with_guard(folder, known_stations(store, manifest.stations))
+    """Return the stations' facts with the guard's results, as far as nothing in the record is later."""
+    return guard_actions.with_guard(folder, known_stations(store, manifest.stations), _overtaken(folder))
+
+
+def _overtaken(folder: Path) -> dict[tuple[str, int], int]:
+    """Return from when on (UTC in µs) the guard's word counts, for each tool of the open lease.
+
+    The guard logs a tool after the lease, and after the recorder's last reading: a lease or a reading that is later than its line
+    shows that the tool may have been touched again.
+    """
+    held, why = _lease(folder)
+    if not held and not why:
+        return {}
+    written = (folder / guard_actions.LEASE).lstat().st_mtime_ns // 1000
+    logged = [(event.station, event.port) for event in guard_actions.action_log(folder) if event.kind == guard_actions.SAFE]
+    open_ports = {(name, port) for name, lease in held.items() for port in lease.ports}
+    places = {
+        (name, port) for name, port in logged if name is not None and port is not None and (why or (name, port) in open_ports)
+    }
+    last = _last_read(folder, {*places}) if places else {}
+    return {place: max(written, last[place].time if place in last else 0) for place in places}
 
 
 def unkept_rows(store: StoreReader) -> int:

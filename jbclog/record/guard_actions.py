@@ -30,7 +30,8 @@ LEASE: Final = "lease.json"
 LOST: Final = "guard.lost"
 BLANK: Final = b"\n"  # reserved space
 RETRY_S: Final = 0.05
-REACHED: Final = {"safety.safe_state": "verified", "safety.not_safe": "failed"}
+SAFE: Final = "safety.safe_state"
+REACHED: Final = {SAFE: "verified", "safety.not_safe": "failed"}
 
 
 @contextmanager
@@ -138,12 +139,19 @@ def plain_events(events: pa.Table) -> pa.Table:
     return events
 
 
-def with_guard(folder: Path, stations: list[StationFacts]) -> list[StationFacts]:
-    """Return the facts updated by the guard's results, which are the latest."""
+def with_guard(folder: Path, stations: list[StationFacts], counts_from: Mapping[tuple[str, int], int]) -> list[StationFacts]:
+    """Return the facts updated by the guard's results; of several about a tool, the last.
+
+    A safe state that was logged before `counts_from` (UTC in µs, by station and port) is out of date.
+    """
     reached: dict[str, dict[int, EventRow]] = {}
     for event in action_log(folder):
         if event.kind in REACHED and event.station is not None and event.port is not None:
             reached.setdefault(event.station, {})[event.port] = event
+    for (station, port), since in counts_from.items():
+        said = reached.get(station, {}).get(port)
+        if said is not None and said.kind == SAFE and said.time < since:
+            del reached[station][port]
     return [_updated(station, reached.get(station.name, {})) for station in stations]
 
 

@@ -148,7 +148,7 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
     expect_no_links(folder)
     manifest = _draft(folder)
     if manifest.state == RunState.SEALED and not live_files(folder):
-        return _recovery(folder, Outcome.WHOLE, f"{folder.name}: {FINISHED}{_not_rebuilt(folder, manifest)}")
+        return _recovery(folder, Outcome.WHOLE, f"{folder.name}: {FINISHED}{_not_rebuilt(folder, manifest)}", manifest)
     refuse_newer(folder)
     lock = FolderLock.take(folder, patience_s)
     try:
@@ -156,7 +156,8 @@ def recover(folder: Path, patience_s: float = PATIENCE_S) -> Recovery:
             manifest = _draft(folder)  # the recorder may have finished while we waited
             if manifest.state == RunState.SEALED and not changed_parts(folder, manifest):
                 remove_live(folder, lock)
-                return _recovery(folder, Outcome.RECOVERED, f"{folder.name}: already sealed; its live store is now removed.")
+                text = f"{folder.name}: already sealed; its live store is now removed."
+                return _recovery(folder, Outcome.RECOVERED, text, manifest)
             return _finish(folder, manifest, lock)
     except OSError as error:
         raise RecordError(f"{folder} cannot be recovered: {error}") from error
@@ -187,13 +188,18 @@ def _finish(folder: Path, manifest: Manifest, lock: FolderLock) -> Recovery:
     text = f"{folder.name}: recovered, {_counted(rows)} sealed; exit status {sealed.exit_status}, verdict {sealed.verdict}."
     text += f" {sealed.wire}" if sealed.wire is not None and NOT_OURS in sealed.wire else ""
     unsafe = [facts.name for facts in sealed.stations if facts.unsafe]
-    return _recovery(folder, Outcome.RECOVERED, text + (f" {sealed.lost.text}" if sealed.lost else ""), rows, unsafe)
+    return _recovery(folder, Outcome.RECOVERED, text + (f" {sealed.lost.text}" if sealed.lost else ""), sealed, rows, unsafe)
 
 
 def _recovery(
-    folder: Path, outcome: Outcome, text: str, rows: Mapping[str, int] = MappingProxyType({}), unsafe: Collection[str] = ()
+    folder: Path,
+    outcome: Outcome,
+    text: str,
+    manifest: Manifest,
+    rows: Mapping[str, int] = MappingProxyType({}),
+    unsafe: Collection[str] = (),
 ) -> Recovery:
-    warning = hot_warning(folder, unsafe)
+    warning = hot_warning(folder, manifest.stations, unsafe)
     return Recovery(folder, outcome, f"{text} {warning}".rstrip(), rows, is_safe=not warning)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,9 +16,10 @@ from jbclog.cli.app import app
 from jbclog.core.rows import StationFacts
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.open_leases import settle
+from jbclog.live import follow
 from jbclog.record import conclude
 from jbclog.record import conclude as concluding
-from jbclog.record.check import check
+from jbclog.record.check import check, uncovered
 from jbclog.record.guard_actions import ACTION_LOG as DIARY
 from jbclog.record.guard_actions import LEASE
 from jbclog.record.manifest import Manifest, read_manifest, write_manifest
@@ -110,6 +112,79 @@ def test_a_diary_that_was_cut_short_leaves_the_others_unknown(left: Left) -> Non
     ActionLog(folder).write("safety.safe_state", "info", "The tool was put in its safe state.", "a", 1)
     assert not recover(folder).is_safe
     assert [port for port, _, _ in told(folder)] == [2]
+
+
+# -- a guard that was killed after it had made the tools safe and before it closed the lease --------------------------------------
+
+
+def logged_safe(folder: Path, *ports: int) -> None:
+    for port in ports:
+        ActionLog(folder).write("safety.safe_state", "info", "The tool was put in its safe state.", "a", port)
+
+
+def test_what_the_guard_logged_as_safe_is_known_although_its_lease_is_open(left: Left) -> None:
+    """Recovering, the record, the view of it and its check agree; the lease stays for the next start."""
+    folder = left(TOUCHED, lease(1, 2))
+    logged_safe(folder, 1, 2)
+    done = recover(folder)
+    assert (done.is_safe, told(folder), read_manifest(folder).exit_code) == (True, [], 4)
+    assert read_manifest(folder).stations[0].safe_state == {1: "verified", 2: "verified"}
+    assert check(folder) == []
+    assert [name for name, _ in uncovered(folder, None)] == [LEASE]
+    assert CliRunner().invoke(app, ["recover", str(folder)]).exit_code == 0
+    with follow(folder) as follower:
+        assert not any("may still be hot" in one for one in follower.poll().problems)
+    assert conclude.left_leases(folder)["a"].ports == (1, 2)
+
+
+def older_than_a_reading(folder: Path) -> None:
+    """The guard's line is older than the recorder's last reading of the tool of port 1."""
+    text = (folder / DIARY).read_text()
+    (folder / DIARY).write_text("".join(f"{json.dumps(json.loads(one) | {'time': 1})}\n" for one in text.split("\n") if one))
+    os.utime(folder / LEASE, (0, 0))
+
+
+def newer_lease(folder: Path) -> None:
+    later = time.time() + 60
+    os.utime(folder / LEASE, (later, later))
+
+
+def taken_line(folder: Path) -> None:
+    lines = [one for one in (folder / DIARY).read_text().split("\n") if one]
+    (folder / DIARY).write_text(f"{lines[1]}\n")
+
+
+def later_failure(folder: Path) -> None:
+    ActionLog(folder).write("safety.not_safe", "critical", "The tool could not be made safe.", "a", 1)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "hot"),
+    [(older_than_a_reading, [1]), (newer_lease, [1, 2]), (taken_line, [1]), (later_failure, [])],
+    ids=["older than a reading", "newer lease", "a line missing", "failed later"],
+)
+def test_what_the_guard_did_not_log_last_stays_not_known(left: Left, spoil: Callable[[Path], None], hot: list[int]) -> None:
+    folder = left(TOUCHED, lease(1, 2))
+    logged_safe(folder, 1, 2)
+    spoil(folder)
+    done = recover(folder)
+    assert "Tools of a may still be hot" in done.text
+    assert ([port for port, _, _ in told(folder)], read_manifest(folder).exit_code) == (hot, 5)
+    assert not read_manifest(folder).stations[0].safe_state.keys() & {*hot}
+    assert check(folder) == []
+    assert CliRunner().invoke(app, ["recover", str(folder)]).exit_code == 5
+
+
+def test_a_tool_that_the_recorder_itself_made_safe_before_both_were_killed_is_known(left: Left) -> None:
+    folder = left(replace(TOUCHED, safe_state={1: "verified", 2: "verified"}), lease(1, 2))
+    assert (recover(folder).is_safe, check(folder)) == (True, [])
+
+
+def test_a_lease_of_a_recorder_that_ended_needs_the_guards_lines(left: Left) -> None:
+    """Such a recorder closes its lease: another one in its folder is a disagreement."""
+    folder = left(replace(TOUCHED, outcome="completed", safe_state={1: "verified", 2: "verified"}), lease(1))
+    assert "Tools of a may still be hot" in recover(folder).text
+    assert [str(one) for one in check(folder)] == ["lease.json: names a as possibly hot; the manifest does not"]
 
 
 @pytest.mark.parametrize(
