@@ -9,7 +9,7 @@ from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run.identify import IDENTITY_READS
 from jbclog.session.run.pace import readings_for
 from support.virtual.lines import hot_air, plant
-from support.virtual.virtual_run import VirtualRun, line_text, prepare
+from support.virtual.virtual_run import RECIPE, VirtualRun, line_text, prepare
 
 AWAY = "\n[[station.sim.fault]]\nkind = 'dropout'\nat_s = 4\nfor_s = 3\n"
 HOURS = 120
@@ -170,3 +170,47 @@ def test_model_and_software_are_read_as_often_as_the_counters_and_planned_for() 
         "model": 5,
         "software_version": 5,
     }
+
+
+@pytest.mark.parametrize(
+    ("which", "said"), [("model", "NAE"), ("software", "7777777")], ids=["another model", "another one of its model"]
+)
+@pytest.mark.parametrize("change", ["set", "status", "limit"])
+def test_what_another_station_answers_is_no_change_of_this_one(which: str, said: str, change: str) -> None:
+    """Before a change is recorded, the station is asked who it is: the cable may be in another one."""
+    run = prepare(line_text(f"counters = {{ plugged_hours = {HOURS} }}\n"), duration_s=100)
+
+    def swap() -> None:
+        setattr(run.station.device.identity, which, said)
+        port = run.station.plant.ports[1]
+        if change == "status":
+            port.order(1, False)
+        else:
+            setattr(port.settings, "selected_temperature" if change == "set" else "alarm_high_limit", 300)
+
+    run.at(10, swap)
+    run.go()
+    assert run.memory.of_kind("setting.changed") == []
+    assert (run.facts.settings_changed, run.facts.outcome) == (0, "gone")
+    (event,) = run.memory.of_kind("identity.changed")
+    assert said in event.text
+    assert [one.text for one in run.writes if one.at > run.t0 + 10] == []
+
+
+def test_a_change_costs_one_look_at_the_identity_and_ticks_none() -> None:
+    run = prepare(duration_s=40, recipe=RECIPE + 'on_difference = "continue"\n')
+    run.at(10, lambda: setattr(run.station.plant.ports[1].settings, "selected_temperature", 300))
+    run.go()
+    asked = [one.text for one in run.heard if run.t0 + 10 < one.at < run.t0 + 39]
+    assert (asked.count("RSMN"), asked.count("RSVR")) == (1, 1)
+    assert len(run.memory.of_kind("setting.changed")) == 1
+
+
+def test_a_change_is_not_recorded_while_the_identity_cannot_be_read() -> None:
+    """It is recorded as soon as the station has said who it is."""
+    fault = "[[station.sim.fault]]\nkind = 'flip'\ncommand = 'model'\nat_s = 5\nfor_s = 30\n"
+    run = prepare(line_text(fault), duration_s=50)
+    run.at(10, lambda: setattr(run.station.plant.ports[1].settings, "selected_temperature", 300))
+    run.go()
+    (event,) = run.memory.of_kind("setting.changed")
+    assert event.time / 1e6 - run.utc_s(run.t0) >= 35

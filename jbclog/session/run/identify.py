@@ -202,6 +202,23 @@ def expect_identity(context: SessionContext, name: str, value: Value) -> None:
     context.identity_at[name] = context.now
 
 
+def expect_still_same(context: SessionContext) -> Steps[None]:
+    """Read model and software again over the standing link, before a change that was just found is recorded as the station's.
+
+    Raises `OtherStation` where another answers, and what reading raises: then the change is not known to be the station's.
+    """
+    for name in IDENTITY_READS:
+        known = _identity(context, name)
+        if known is None:
+            continue
+        try:
+            found = yield from context.read_confirmed(context.command(name), known=known)
+        except NotSupported as error:
+            since = context.identity_at.get(name, context.order.t0)
+            raise OtherStation(f"it no longer knows its {name.replace('_', ' ')}", since=since) from error
+        expect_identity(context, name, found)
+
+
 def _can_be(hours: int, before: int, seconds: float) -> bool:
     """Whether a counter can go from `before` to `hours` in that time."""
     return (hours - before) % ROLLS_OVER_AT <= seconds / 3600 * (1 + DRIFT) + RESOLUTION_H

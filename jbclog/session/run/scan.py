@@ -17,7 +17,7 @@ from jbclog.protocol.client.interface import PreparedRead
 from jbclog.protocol.commands.family import NEEDS_A_TOOL
 from jbclog.session.run.alarms import AlarmWatch, bears_out
 from jbclog.session.run.context import PortState, SessionContext
-from jbclog.session.run.identify import IDENTITY_READS, expect_identity, expect_same, is_this_identity
+from jbclog.session.run.identify import IDENTITY_READS, expect_identity, expect_same, expect_still_same, is_this_identity
 from jbclog.session.run.readings import NO_DIGIT, Doubt, Fill, SecondLook, fill_of, may_be_unusable, possible_of, unusable, void
 from jbclog.session.run.watch import (
     OBSERVERS,
@@ -27,6 +27,7 @@ from jbclog.session.run.watch import (
     differs_from_last,
     is_no_tool,
     note_zero_countdown,
+    would_change,
 )
 from jbclog.session.scheduler import ScheduledRead
 
@@ -179,6 +180,8 @@ class Scanner:
                 value = answer if answer is not None else (yield from station.ask(probe.question, heard))
             if probe.look.is_due(self._context, value):
                 value = yield from probe.look.settle(self._context, value)
+                if self._is_change(probe, scan, value):
+                    yield from expect_still_same(self._context)
             if probe.expect is not None:
                 probe.expect(self._context, probe, value)
         except NotSupported as error:
@@ -205,6 +208,11 @@ class Scanner:
             if scan.first_sent is None:
                 scan.first_sent = station.first_sent
 
+    def _is_change(self, probe: SignalRead, scan: PortScan, value: Value) -> bool:
+        """Whether `value` would be recorded as a change of the station's: only its own may be."""
+        changes = would_change(self._context, probe.port, probe.reading.name, value)
+        return changes and self._why_unusable(probe, scan, value) is None
+
     def _lacks(self, probe: SignalRead, scan: PortScan, error: NotSupported) -> None:
         """Handle NotSupported: a signal that was never answered does not exist; it is not due and not read again."""
         why = self._why_unread(probe, scan, error)
@@ -225,9 +233,7 @@ class Scanner:
         name = probe.reading.name
         if name == "temperature_c":
             scan.temperature_at = scan.last_heard
-        why = "no_tool" if scan.no_tool and name in NEEDS_A_TOOL else None
-        if why is None and probe.may_be_unusable:
-            why = unusable(probe.reading, value, scan.port, self._context)
+        why = self._why_unusable(probe, scan, value)
         if why is not None:
             self.unread(probe, scan, why)
             if name == "delay_s":
@@ -242,6 +248,11 @@ class Scanner:
             scan.alarms.read(value, self._station.heard)
         elif probe.reading.counter is not None:
             self._count(probe, value)
+
+    def _why_unusable(self, probe: SignalRead, scan: PortScan, value: Value) -> str | None:
+        if scan.no_tool and probe.reading.name in NEEDS_A_TOOL:
+            return "no_tool"
+        return unusable(probe.reading, value, scan.port, self._context) if probe.may_be_unusable else None
 
     def unread(self, probe: SignalRead, scan: PortScan, why: str, *, sent: bool = False, error_text: str = "") -> None:
         """Account for a due reading without a value; `sent`: the station may have sent an answer that was lost.

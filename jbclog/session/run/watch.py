@@ -280,13 +280,25 @@ def _status(context: SessionContext, port: PortState, word: Value) -> None:
     before, port.status = port.status, word
     if before is not None and before[2] == word[2]:
         _suction(context, port, is_on=word[2] == 1)
-    if before == word:
-        return
-    ordered, status = context.recipe.run.status, context.family.status
-    if ordered is None or before is None or status.is_working(before) == status.is_working(word):
-        return
-    if status.is_working(word) != status.is_working(status.orders[ordered]):
+    if before is not None and _is_changed_status(context, before, word):
         found_changed(context, port, "status", text_of(before), text_of(word))
+
+
+def _is_changed_status(context: SessionContext, before: Value, found: Value) -> bool:
+    """Whether a tool that the recipe ordered to another status stopped, or began, to work."""
+    ordered, status = context.recipe.run.status, context.family.status
+    if ordered is None or not isinstance(before, tuple) or not isinstance(found, tuple):
+        return False
+    is_working = status.is_working(found)
+    return status.is_working(before) != is_working != status.is_working(status.orders[ordered])
+
+
+def would_change(context: SessionContext, port: PortState, name: str, found: Value) -> bool:
+    """Whether the reading `name` with the answer `found` is reported as a changed setting or status."""
+    if name == "status":
+        return port.status is not None and _is_changed_status(context, port.status, found)
+    setting = {"set_c": context.set_name, "set_flow_permille": "selected_air_flow"}.get(name, name)
+    return (name != setting or name in WATCHED_SETTINGS) and port.held.get(setting, found) != found
 
 
 def _suction(context: SessionContext, port: PortState, *, is_on: bool) -> None:
