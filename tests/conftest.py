@@ -124,11 +124,11 @@ def pytest_collection_finish() -> None:
 
 FAST = ("app", "cli", "config", "core", "maintenance", "protocol", "session", "sim", "transport")
 """Packages whose tests are fast."""
-NOT_FAST = {  # files that take more than a second: large inputs, child processes, a browser, figures, slices of campaigns
+NOT_FAST = {  # files that take more than a second: large inputs, many runs, processes, a browser, figures, slices of campaigns
     *("test_foreign_kinds.py", "test_foreign_opened.py", "test_jobs_file.py", "test_hands.py"),
     *("test_streams.py", "test_wrong_usage.py", "test_audit_fleet.py", "test_exchanges.py"),
     *("test_every_command.py", "test_reader_properties.py", "test_scan.py", "test_export.py", "test_mdf.py", "test_qdas.py"),
-    *("watch/test_page.py", "maintenance/test_page.py", "test_terminal.py", "test_cpu_limit.py"),
+    *("publish/*.py", "export/*.py", "watch/test_page.py", "maintenance/test_page.py", "test_terminal.py", "test_cpu_limit.py"),
     *("test_metrics_cache.py", "test_run_index.py", "test_index_file.py"),
 }
 UNIT = Path(__file__).parent / "unit"
