@@ -6,13 +6,13 @@ import fcntl
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final, Generic, Protocol, TypeVar
 
-from jbclog.core.foreign.files import Kind, expect_opened
+from jbclog.core.foreign.files import LONGEST_LINE, Kind, Line, each_line, expect_opened
 from jbclog.core.foreign.json_reader import json_of
 
 
@@ -86,12 +86,16 @@ Parse = Callable[[bytes], L | None]
 
 @dataclass(frozen=True, slots=True)
 class LineChain(Generic[L]):
-    """The readable lines with their hashes, problems as (line number, text), and the hash of the last line (`head`)."""
+    """The readable lines with their hashes, problems as (line number, text), and the hash of the last line (`head`).
+
+    `read_to`: the number of the line after which so many were wrong that reading stopped; None if all were read.
+    """
 
     entries: list[L] = field(default_factory=list)
     hashes: list[str] = field(default_factory=list)
     wrong: list[tuple[int, str]] = field(default_factory=list)
     head: str = ""
+    read_to: int | None = None
 
 
 def sha256(data: bytes) -> str:
@@ -117,26 +121,40 @@ def chain_in(data: bytes, first: str, parse: Parse[L], *, what: str, of_first: s
 
     `first` is the hash that the first line must carry, `of_first` names what it is the hash of, `what` names a line.
     """
-    lines = lines_in(data)
-    found: LineChain[L] = LineChain(head=sha256(lines[-1]) if lines else first)
-    previous, seq = first, 0
-    parsed = [parse(line) for line in lines]
-    for number, (line, entry) in enumerate(zip(lines, parsed, strict=True), 1):
-        if entry is None:
-            if not _is_vouched_for(lines, number, parsed):
-                found.wrong.append((number, _unreadable(data, lines, number, what)))
-        elif entry.prev_sha256 != previous:
-            found.wrong.append((number, _broken(number, of_first)))
-        elif entry.seq != seq + 1:
-            found.wrong.append((number, f"is numbered {entry.seq} and follows {seq}"))
-        previous = sha256(line)
+    texts = lines_in(data)
+    last = 0 if data.endswith(b"\n") else len(texts)
+    lines = (Line(text, sha256(text), number != last) for number, text in enumerate(texts, 1))
+    return chain_of(lines, first, parse, what=what, of_first=of_first)
+
+
+def chain_of(
+    lines: Iterable[Line], first: str, parse: Parse[L], *, what: str, of_first: str, most_wrong: int | None = None
+) -> LineChain[L]:
+    """Parse the lines one by one as `chain_in` does; stop after `most_wrong` problems."""
+    found: LineChain[L] = LineChain()
+    previous, seq, number = first, 0, 0
+    unread: Line | None = None  # a line that is not valid, until the next one shows whether a crash cut it off
+    line: Line | None = None
+    for number, line in enumerate(lines, 1):
+        entry = None if line.text is None else parse(line.text)
+        if unread is not None and not _is_vouched_for(unread, entry):
+            found.wrong.append((number - 1, _unreadable(unread, what)))
+        if most_wrong is not None and len(found.wrong) >= most_wrong:
+            return replace(found, head=previous, read_to=number - 1)
         if entry is not None:
+            if entry.prev_sha256 != previous:
+                found.wrong.append((number, _broken(number, of_first)))
+            elif entry.seq != seq + 1:
+                found.wrong.append((number, f"is numbered {entry.seq} and follows {seq}"))
             found.entries.append(entry)
-            found.hashes.append(previous)
+            found.hashes.append(line.sha256)
             seq = entry.seq
-    if data and not data.endswith(b"\n") and lines and parsed[-1] is not None:
-        found.wrong.append((len(lines), "has lost its end"))
-    return found
+        previous, unread = line.sha256, line if entry is None else None
+    if unread is not None:
+        found.wrong.append((number, _unreadable(unread, what)))
+    elif line is not None and not line.is_ended:
+        found.wrong.append((number, "has lost its end"))
+    return replace(found, head=previous)
 
 
 def _broken(number: int, of_first: str) -> str:
@@ -145,23 +163,27 @@ def _broken(number: int, of_first: str) -> str:
     return "does not carry the hash of the line before it: one of the two was changed, or a line between them is gone"
 
 
-def _unreadable(data: bytes, lines: list[bytes], number: int, what: str) -> str:
-    if number == len(lines) and not data.endswith(b"\n"):
+def _unreadable(line: Line, what: str) -> str:
+    if line.text is None:
+        return f"has more than {LONGEST_LINE} bytes; it counts for nothing"
+    if not line.is_ended:
         return "was cut off while it was written; it counts for nothing"
     return f"is no {what}, or was changed"
 
 
-def first_faults(wrong: list[tuple[int, str]], most: int = 100) -> list[tuple[int, str]]:
+MOST_FAULTS: Final = 100
+
+
+def first_faults(wrong: list[tuple[int, str]], most: int = MOST_FAULTS) -> list[tuple[int, str]]:
     """Return the first faults of a file, and one entry for all later ones: a file of nothing but faults must not fill a page."""
     if len(wrong) <= most:
         return wrong
     return [*wrong[:most], (wrong[most][0], f"is wrong, too, as {len(wrong) - most - 1} later lines are")]
 
 
-def _is_vouched_for(lines: list[bytes], number: int, parsed: Sequence[L | None]) -> bool:
+def _is_vouched_for(line: Line, behind: L | None) -> bool:
     """Whether a crash cut off this line and the next one carries its hash. A complete line was changed, not cut off."""
-    behind = parsed[number] if number < len(lines) else None
-    return behind is not None and behind.prev_sha256 == sha256(lines[number - 1]) and not _is_whole(lines[number - 1])
+    return behind is not None and behind.prev_sha256 == line.sha256 and line.text is not None and not _is_whole(line.text)
 
 
 def _is_whole(line: bytes) -> bool:
@@ -189,7 +211,7 @@ def add_line(path: Path, first: str, parse: Parse[L], make: Callable[[int, str],
         lines = lines_in(before)
         seq = max((entry.seq for line in lines if (entry := parse(line)) is not None), default=0) + 1
         line = make(seq, sha256(lines[-1]) if lines else first)
-        _add(descriptor, before, line)
+        _add(descriptor, line, is_ended=not before or before.endswith(b"\n"))
     sync_folder(path.parent)
     return sha256(line)
 
@@ -204,26 +226,30 @@ def add_lines(path: Path, first: str, parse: Parse[L], items: Iterable[Item], ma
     Reads only the end of the file, so that a long file costs no more.
     """
     with _locked(path) as descriptor:
-        before = _end_of(descriptor, parse)
-        lines = lines_in(before)
-        last = next((entry.seq for line in reversed(lines) if (entry := parse(line)) is not None), 0)
-        previous, made = sha256(lines[-1]) if lines else first, list[bytes]()
+        last, end = _end_of(descriptor, parse)
+        previous, made = end.sha256 if end else first, list[bytes]()
         for seq, item in enumerate(items, last + 1):
             made.append(make(item, seq, previous))
             previous = sha256(made[-1])
         if made:
-            _add(descriptor, before, b"\n".join(made))
+            _add(descriptor, b"\n".join(made), is_ended=end is None or end.is_ended)
     sync_folder(path.parent)
 
 
-def _end_of(descriptor: int, parse: Parse[L]) -> bytes:
-    """Return the last lines of the file with at least one readable line; the whole file where there is none."""
-    size = os.fstat(descriptor).st_size
-    if size > TAIL:
-        tail = os.pread(descriptor, TAIL, size - TAIL).partition(b"\n")[2]
-        if any(parse(line) is not None for line in lines_in(tail)):
-            return tail
-    return os.pread(descriptor, size, 0)
+def _end_of(descriptor: int, parse: Parse[L]) -> tuple[int, Line | None]:
+    """Return the number of the last readable line (0: none), and the last line. Reads all where the end has no readable one."""
+    size, last, line = os.fstat(descriptor).st_size, 0, None
+    for start in (max(size - TAIL, 0), 0):
+        with os.fdopen(os.dup(descriptor), "rb") as file:
+            file.seek(start)
+            if start:
+                file.readline(TAIL)
+            for line in each_line(file):
+                entry = None if line.text is None else parse(line.text)
+                last = last if entry is None else entry.seq
+        if last or not start:
+            break
+    return last, line
 
 
 @contextmanager
@@ -239,9 +265,9 @@ def _locked(path: Path) -> Iterator[int]:
         os.close(descriptor)
 
 
-def _add(descriptor: int, before: bytes, line: bytes) -> None:
+def _add(descriptor: int, line: bytes, *, is_ended: bool) -> None:
     """Append the line, on a new line even after one that was cut off, and sync."""
-    data = memoryview((b"" if not before or before.endswith(b"\n") else b"\n") + line + b"\n")
+    data = memoryview((b"" if is_ended else b"\n") + line + b"\n")
     while data:
         data = data[os.write(descriptor, data) :]
     os.fsync(descriptor)

@@ -18,9 +18,9 @@ from typing import Annotated, Final, TypeVar
 
 import msgspec
 
-from jbclog.core.durable_files import LineChain, add_lines, chain_in, line_of, sha256, sync_folder
+from jbclog.core.durable_files import LineChain, add_lines, chain_of, first_faults, line_of, sha256, sync_folder
 from jbclog.core.errors import RecordError, UsageError
-from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.foreign.files import Kind, each_line, open_foreign
 from jbclog.core.foreign.json_reader import LARGEST
 from jbclog.core.locks import try_lock
 from jbclog.maintenance.counter_totals.observed import Count, Entry, Fact, Observation, Standing, StationLook
@@ -109,6 +109,7 @@ def _observation(body: bytes) -> Observation:
 
 FIRST: Final = sha256(b"jbclog counters")  # not the file's name, so that a ledger can be moved and renamed
 LOCK: Final = ".lock"
+MOST_WRONG: Final = 10_000  # faults after which the rest of the file is not read
 
 
 class AuditInProgress(UsageError):
@@ -117,12 +118,16 @@ class AuditInProgress(UsageError):
 
 @dataclass(frozen=True, slots=True)
 class Book:
-    """Every readable line, oldest first; what is wrong (line, sentence); the hash of the last line."""
+    """Every readable line, oldest first; what is wrong (line, sentence); the hash of the last line that was read.
+
+    `read_to`: the line after which reading stopped, because `MOST_WRONG` were wrong; None if all were read.
+    """
 
     path: Path
     entries: list[Entry] = field(default_factory=list)
     wrong: list[tuple[int, str]] = field(default_factory=list)
     head: str = FIRST
+    read_to: int | None = None
 
     @property
     def observations(self) -> list[Observation]:
@@ -143,25 +148,35 @@ class Book:
         return not self.entries and not self.is_sound
 
     def expect_ledger(self) -> None:
-        """Raise `RecordError` for another kind of file, such as a line file: nothing is added to it."""
+        """Raise `RecordError` for another kind of file, such as a line file, or one not read to its end: nothing is added to it."""
         if self.is_foreign:
             raise RecordError(f"{self.path} is not a ledger: none of its lines is valid. Nothing was added; name another file")
+        if self.read_to is not None:
+            raise RecordError(f"{self._stopped}. Nothing was added; restore the file from a copy, or name another file")
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        return tuple(f"{self.path}: line {number} {text}" for number, text in self.wrong)
+        """What is wrong, a sentence each; at most 102."""
+        lines = (f"{self.path}: line {number} {text}" for number, text in first_faults(self.wrong))
+        return (*lines, *([] if self.read_to is None else [self._stopped]))
+
+    @property
+    def _stopped(self) -> str:
+        return f"{self.path}: was not read beyond line {self.read_to}, because {len(self.wrong)} faults were found up to there"
 
 
 def read_book(path: Path) -> Book:
     """Return the ledger at `path`; an empty one if there is no file. Raises `RecordError`."""
     try:
-        data = read_foreign(path, Kind.LEDGER, links=True)
+        with open_foreign(path, Kind.LEDGER, links=True) as file:
+            found: LineChain[Entry] = chain_of(
+                each_line(file), FIRST, read_line, what="line of a ledger", of_first="a ledger's beginning", most_wrong=MOST_WRONG
+            )
     except FileNotFoundError:
         return Book(path)
     except OSError as error:
         raise RecordError(f"{path} cannot be read: {_why(error)}") from error
-    found: LineChain[Entry] = chain_in(data, FIRST, read_line, what="line of a ledger", of_first="a ledger's beginning")
-    return Book(path, found.entries, found.wrong, found.head)
+    return Book(path, found.entries, found.wrong, found.head, found.read_to)
 
 
 def add(path: Path, entries: Iterable[Entry]) -> list[Entry]:

@@ -93,7 +93,7 @@ def _read(ledger: Path, audited: Audited) -> Book:
 def _wrong_with(book: Book) -> Sequence[str]:
     if book.is_sound or book.is_foreign:  # reported when nothing can be written
         return ()
-    more = len(book.sentences) - SHOWN
+    more = len(book.wrong) - SHOWN
     return [*book.sentences[:SHOWN], *([f"{book.path}: {more} other lines are wrong"] if more > 0 else [])]
 
 

@@ -8,17 +8,18 @@ be a link.
 from __future__ import annotations
 
 import errno
+import hashlib
 import os
 import re
 import stat
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from enum import StrEnum
 from io import BufferedReader
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final
+from typing import Final, NamedTuple
 
 from jbclog.core.errors import RecordError
 
@@ -136,12 +137,15 @@ LIMITS: Final[Mapping[Kind, int]] = MappingProxyType(
         Kind.CACHE: 4 * MIB,  # the metrics of 256 ports take 60 kB
     }
 )
-"""The maximum size of each kind in bytes. Text kinds are read whole, the others in pieces."""
+"""The maximum size of each kind in bytes. Text kinds are read whole, a ledger by lines, the others in pieces."""
 
 LINES: Final[Mapping[Kind, int]] = MappingProxyType(
     {Kind.ANNOTATIONS: 20_000} | dict.fromkeys((Kind.VERIFICATIONS, Kind.DAMAGE, Kind.LEASE), 100_000)
 )
 """The maximum number of lines of a kind: in memory, an empty line takes a hundred times its size."""
+
+LONGEST_LINE: Final = 256 * KIB  # a look at a station takes 1 kB
+"""The maximum length in bytes of a line that is read by itself."""
 
 _WHAT: Final = (
     (stat.S_ISFIFO, "a pipe"),
@@ -213,6 +217,35 @@ def read_foreign(path: Path, kind: Kind, *, links: bool = False) -> bytes:
     if kind in LINES and data.count(b"\n") > LINES[kind]:
         raise NotReadable(f"has {data.count(10)} lines; {kind} has at most {LINES[kind]}")
     return data
+
+
+class Line(NamedTuple):
+    """A line without its end: None instead of a text longer than `LONGEST_LINE`. `sha256` is that of the whole line."""
+
+    text: bytes | None
+    sha256: str
+    is_ended: bool
+
+
+def each_line(file: BufferedReader) -> Iterator[Line]:
+    """Yield the lines of a file one by one, in memory for one line of `LONGEST_LINE` bytes. Raises OSError."""
+    while text := file.readline(LONGEST_LINE + 1):
+        if text.endswith(b"\n"):
+            text = text[:-1]
+            yield Line(text, hashlib.sha256(text).hexdigest(), is_ended=True)
+        elif len(text) <= LONGEST_LINE:
+            yield Line(text, hashlib.sha256(text).hexdigest(), is_ended=False)
+        else:
+            yield _long_line(file, text)
+
+
+def _long_line(file: BufferedReader, text: bytes) -> Line:
+    found = hashlib.sha256()
+    while text and not text.endswith(b"\n"):
+        found.update(text)
+        text = file.readline(LONGEST_LINE)
+    found.update(text[:-1])
+    return Line(None, found.hexdigest(), is_ended=bool(text))
 
 
 def is_plain_folder(path: Path) -> bool:

@@ -12,6 +12,7 @@ from math import floor, isfinite
 from typing import Final
 
 from jbclog.config.tasks_file import DAYS
+from jbclog.core.durable_files import MOST_FAULTS
 from jbclog.core.text import number
 from jbclog.maintenance.counter_totals.span import Interval
 from jbclog.maintenance.due import Due, State, TaskState
@@ -215,7 +216,8 @@ def _reasons(audit: FleetAudit, rows: Sequence[DueRow]) -> list[str]:
     if doubts:
         found.append(f"{counted(doubts, 'counter')} changed implausibly; see counter changes")
     if audit.wrong:
-        found.append(f"The ledger is damaged: {counted(len(audit.wrong), 'line')} ignored")
+        lines = counted(len(audit.wrong), "line") if len(audit.wrong) <= MOST_FAULTS else f"more than {MOST_FAULTS} lines"
+        found.append(f"The ledger is damaged: {lines} ignored")
     found += [_reason(row.station, task) for row in rows for task in row.tasks if task.state is State.SOON]
     found += _unknown(rows)
     return [*baseline(audit), *found] if is_baseline(audit) else found or [_calm(audit)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from jbclog.core.errors import RecordError
 from jbclog.maintenance.counter_totals.observed import Count, Errors, Fact, Identity, Observation, Standing
 from jbclog.maintenance.ledger import AuditInProgress, add, auditing, read_book, read_line, written
+from support.measured import measured
 
 COUNTS = (
     Count(1, "work_h", "h", 412.0),
@@ -141,3 +143,69 @@ def test_what_cannot_be_written_is_said(path: Path, tmp_path: Path) -> None:
         add(path, [SEEN])
     with pytest.raises(RecordError, match="cannot be read"):
         read_book(path)
+
+
+# -- ledgers of nothing but faults: bounded in memory, time and words ---------------------------------------------------------
+
+OTHER = b'{"seq": 1, "kind": "counters", "line": "small", "station": "dde-1", "x": 1}\n'
+FLOODS = {
+    "line ends": (b"\n", 20_000_000, "is no line of a ledger"),
+    "junk": (b"x" * 99 + b"\n", 500_000, "is no line of a ledger"),
+    "JSON of another kind": (OTHER, 500_000, "is no line of a ledger"),
+    "one line": (b"A", 60_000_000, "has more than 262144 bytes"),
+    "nesting without a line end": (b"[", 30_000_000, "has more than 262144 bytes"),
+}
+
+
+@pytest.mark.parametrize("flood", FLOODS)
+def test_a_ledger_of_faults_is_refused_at_once_and_kept_as_it_is(tmp_path: Path, flood: str) -> None:
+    """Each took up to 7 GB and a minute, or passed for a sound ledger."""
+    piece, times, said = FLOODS[flood]
+    path = tmp_path / "counters.jsonl"
+    path.write_bytes(piece * times)
+    found = measured("maintenance", "list", "--ledger", path)
+    assert found.code == 4
+    assert said in found.text
+    assert len(found.text) < 30_000
+    assert found.peak_mb < 250
+    assert found.cpu_s < 5
+    with pytest.raises(RecordError, match="is not a ledger"):
+        read_book(path).expect_ledger()
+
+
+def test_lines_of_a_right_hash_and_a_wrong_chain_are_counted_up_to_a_limit(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("jbclog.maintenance.ledger.MOST_WRONG", 300)
+    (kept,) = add(path, [SEEN])
+    path.write_bytes((written(kept) + b"\n") * 5000)
+    book = read_book(path)
+    assert (len(book.wrong), len(book.entries), book.read_to) == (300, 301, 301)
+    assert len(book.sentences) == 102
+    assert book.sentences[-2].endswith("line 102 is wrong, too, as 199 later lines are")
+    assert book.sentences[-1].endswith("was not read beyond line 301, because 300 faults were found up to there")
+    with pytest.raises(RecordError, match=r"not read beyond line 301.*Nothing was added"):
+        book.expect_ledger()
+
+
+def test_behind_a_line_that_is_too_long_the_ledger_goes_on(path: Path) -> None:
+    """Its hash is taken in pieces, so that the next line carries it."""
+    add(path, [SEEN, DONE])
+    with path.open("ab") as file:
+        file.write(b"A" * 3_000_000)
+    assert not read_book(path).is_sound
+    add(path, [SILENT])
+    book = read_book(path)
+    assert [one.seq for one in book.entries] == [1, 2, 3]
+    assert book.wrong == [(3, "has more than 262144 bytes; it counts for nothing")]
+    assert len(path.read_bytes().splitlines()) == 4
+
+
+def test_what_is_added_behind_a_giant_line_costs_little_memory(path: Path) -> None:
+    """No readable line within the end of the file: all of it is read, line by line."""
+    add(path, [SEEN])
+    with path.open("ab") as file:
+        file.write(b"A" * 60_000_000)
+    tracemalloc.start()
+    (kept,) = add(path, [DONE])
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert (kept.seq, most < 4 << 20) == (2, True)
