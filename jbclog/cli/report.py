@@ -23,7 +23,8 @@ def report(
     and recovery, alarm episodes and acknowledgements, tip verifications, settings, counters and losses. The page works offline,
     prints on A4 and zooms into its figures. Each file names the manifest it was made from. The same run gives the same bytes and
     the same verdict, by the version of the rules that the run was judged by. --verify reproduces both; exit code 1: a file or a
-    rule differs.
+    rule differs, or the report was made by another jbclog, typesetter or drawing library and cannot be compared byte for byte
+    ("agrees": null with --json). Make it again to compare it.
 
     \b
     Example:
@@ -45,13 +46,14 @@ def report(
 
 
 def _verify(run: Path, *, as_json: bool) -> None:
-    from jbclog.report.write import verify_report
+    from jbclog.report.verify import verified
 
-    differing = verify_report(run)
+    found = verified(run)
+    findings = [*found.differing, *found.not_compared]
     if as_json:
-        echo_json({"run": str(run), "agrees": not differing, "findings": differing})
+        echo_json({"run": str(run), "agrees": found.agrees, "findings": findings, "notes": found.notes})
     else:
-        for text in differing or [f"{run}: the report matches its record"]:
+        for text in [*found.notes, *(findings or [f"{run}: the report matches its record"])]:
             echo(text)
-    if differing:
+    if found.agrees is not True:
         raise typer.Exit(1)

@@ -1,7 +1,7 @@
 """Write `report.html`, `report.pdf`, `report.json`, `joints.parquet`, figures and tables into the folder of a run, each atomically.
 
 The same run gives the same bytes: no creation time, no random names, everything in order. So a report can be made again at any time
-and compared (`verify_report`).
+and compared (`verify.py`).
 """
 
 from __future__ import annotations
@@ -12,21 +12,14 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from jbclog import __version__
 from jbclog.analysis.figures.canvas import drawn_by
-from jbclog.analysis.rejudge import VerdictCheck, check_verdict
 from jbclog.analysis.run import open_run
-from jbclog.analysis.verdict import RULES
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, read_foreign
-from jbclog.core.foreign.json_reader import read_json
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.annotations import vouch
-from jbclog.record.check import changed_files, report_disagreements
 from jbclog.record.folder import expect_no_links
-from jbclog.record.manifest import Manifest, manifest_sha256
 from jbclog.report.facts import Facts, FigureFacts
 from jbclog.report.gather import gather
 from jbclog.report.joints import JOINTS, joints_of
@@ -65,67 +58,6 @@ def _vouched_for(folder: Path) -> dict[str, bytes]:
     return files
 
 
-def verify_report(folder: Path | str) -> list[str]:
-    """Return what `verified` finds to differ."""
-    return verified(folder).differing
-
-
-def verified(folder: Path | str) -> VerdictCheck:
-    """Make the report and the verdict again and return what differs, and what could not be compared; a sentence each.
-
-    Recipes, line file and annotations are compared with manifest and chain. A report of another version of jbclog, of its rules or
-    of its tools has other bytes: it is compared with the hashes that were written with it.
-    """
-    folder = Path(folder)
-    expect_no_links(folder)
-    manifest = open_run(folder).manifest
-    files = [text for name, content in report_files(folder).items() if (text := _difference(folder / name, content))]
-    annotated, notes = _annotated_since(folder), list[str]()
-    maker = _other_maker(folder) if files else None
-    if maker is not None:
-        notes = [f"{folder / PAGE}: made by {maker}, not compared byte for byte; run `jbclog report {folder}` to make it again"]
-        found = report_disagreements(folder, manifest, read_annotations(folder))
-        files = [f"{folder}/{name}: {text}" for name, text in found]
-    verdict = check_verdict(folder, manifest)
-    return VerdictCheck([*annotated, *files, *_changed(folder, manifest), *verdict.differing], [*notes, *verdict.notes])
-
-
-def _other_maker(folder: Path) -> str | None:
-    """Return who made the report, where that was another jbclog, typst or matplotlib, or one with other rules."""
-    try:
-        before = read_json(folder / DATA, Kind.REPORT)
-        version, rules = before["jbclog"], before.get("rules", 1)
-        tools = [before.get(name) for name in _tools()]
-    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
-        return None
-    if [version, rules, *tools] == [__version__, RULES, *_tools().values()]:
-        return None
-    return ", ".join([f"jbclog {version!s:.20} with rules {rules!s:.10}", *(f"{tool!s:.20}" for tool in tools if tool is not None)])
-
-
-def _tools() -> dict[str, str]:
-    """Return what sets the paper and draws the figures, by its key in `report.json`."""
-    return {"paper_by": typesetter(), "drawn_by": drawn_by()}
-
-
-def _changed(folder: Path, manifest: Manifest) -> list[str]:
-    """Return the sealed files and the annotations that were changed."""
-    sealed = [f"{folder / one.file}: {one.text}" for one in changed_files(folder, manifest)]
-    return [*sealed, *(f"{folder}/{text}" for text in read_annotations(folder).complaints())]
-
-
-def _annotated_since(folder: Path) -> list[str]:
-    """Return why the whole report differs, where annotations are newer than it."""
-    try:
-        before = read_json(folder / DATA, Kind.REPORT)
-        made_from, head = before["manifest_sha256"], before["annotations_head"]
-    except (OSError, ValueError, TypeError, KeyError, RecursionError):
-        return []
-    if made_from != manifest_sha256(folder) or head == read_annotations(folder).head:
-        return []
-    return [f"{folder / ANNOTATIONS}: annotations are newer than this report; run `jbclog report {folder}` to include them"]
-
-
 def report_files(folder: Path) -> dict[str, bytes]:
     """Return every file of a report by its name. Raises `RecordError`, also for a run that is still open."""
     run = open_run(folder)
@@ -146,7 +78,7 @@ def report_files(folder: Path) -> dict[str, bytes]:
         **{f"{TABLES}/{name}.csv": text.encode() for name, text in csv_tables(document, joints.rows()).items()},
     }
     written = {name: hashlib.sha256(content).hexdigest() for name, content in sorted(files.items())}
-    vouched = {**document, **_tools(), "vouched_in": ANNOTATIONS, "written": written}
+    vouched = {**document, **tools(), "vouched_in": ANNOTATIONS, "written": written}
     return {**files, DATA: (json.dumps(vouched, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()}
 
 
@@ -172,12 +104,9 @@ def _without_drawings(value: object) -> object:
     return [_without_drawings(one) for one in value] if isinstance(value, list) else value
 
 
-def _difference(path: Path, content: bytes) -> str | None:
-    try:
-        same = read_foreign(path, Kind.OF_REPORT) == content
-    except OSError as error:
-        return f"{path}: {error.strerror}"
-    return None if same else f"{path}: differs from the report that this record gives"
+def tools() -> dict[str, str]:
+    """Return what sets the paper and draws the figures, by its key in `report.json`."""
+    return {"paper_by": typesetter(), "drawn_by": drawn_by()}
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -21,6 +21,8 @@ import pyarrow.parquet as pq
 import pytest
 from typer.testing import CliRunner
 
+from jbclog import __version__
+from jbclog.analysis.verdict import RULES
 from jbclog.cli.app import app
 from jbclog.core.errors import RecordError
 from jbclog.record.annotations import append, vouch
@@ -32,7 +34,8 @@ from jbclog.record.guard_actions import plain_events
 from jbclog.record.ledger import ledger_of
 from jbclog.record.manifest import DIGEST, END, OF_0_1, manifest_sha256, read_manifest, write_manifest
 from jbclog.record.parts import part_paths
-from jbclog.report.write import verify_report, write_report
+from jbclog.report.verify import verified, verify_report
+from jbclog.report.write import write_report
 from support.records.small_run import make_run
 
 STRIDE = 1499
@@ -552,3 +555,61 @@ def test_a_page_forged_with_its_hash_and_line_is_found_by_making_it_again(report
     vouched_anew(reported, lambda facts: facts["written"].update({"report.html": hashlib.sha256(page.read_bytes()).hexdigest()}))
     assert check(reported, manifest_sha256(reported)) == []
     assert any("report.html: differs" in text for text in verify_report(reported))
+
+
+def page_forged_with_its_hash(folder: Path, claimed: Callable[[Any], object]) -> None:
+    page = folder / "report.html"
+    page.write_bytes(page.read_bytes().replace(b"REJECT", b"ACCEPT"))
+
+    def change(facts: Any) -> None:
+        facts["written"]["report.html"] = hashlib.sha256(page.read_bytes()).hexdigest()
+        claimed(facts)
+
+    vouched_anew(folder, change)
+
+
+CLAIMS: dict[str, tuple[Callable[[Any], object], bool | None, str]] = {
+    "newer jbclog": (lambda facts: facts.update(jbclog="9.9.0"), None, "jbclog 9.9.0 with rules"),
+    "newer than this one": (
+        lambda facts: facts.update(jbclog="9.9.0"),
+        None,
+        f", newer than this one, {__version__}, not compared",
+    ),
+    "before the first": (lambda facts: facts.update(jbclog="0.0.9"), False, "there was none before 0.1.0"),
+    "no version": (lambda facts: facts.update(jbclog="old"), False, "names jbclog old as its maker; that is no version"),
+    "earlier rules": (lambda facts: facts.update(rules=4), None, "with rules 4, "),
+    "no rules": (lambda facts: facts.pop("rules"), None, "with rules 1, "),
+    "later rules": (lambda facts: facts.update(rules=99), None, f"whose rules are not known here (1 to {RULES} are)"),
+    "later rules of an earlier jbclog": (lambda facts: facts.update(jbclog="0.0.1", rules=99), False, "with rules 99; this jbclog"),
+    "rules of no kind": (lambda facts: facts.update(rules="x"), False, "names rules x; there are none"),
+    "typesetter": (lambda facts: facts.update(paper_by="typst 0.1.0"), False, "report.html: differs from"),
+    "drawing library": (lambda facts: facts.update(drawn_by="matplotlib 3.0.0"), None, "matplotlib 3.0.0, not compared"),
+    "metrics left out": (lambda facts: facts.update(jbclog="9.9.0", metrics=[]), False, "metrics: there are none"),
+    "a metric": (lambda facts: (facts.update(jbclog="9.9.0"), facts["metrics"][0].update(value=-7.5)), False, ": -7.5, the record"),
+    "facts": (lambda facts: facts.update(drawn_by="matplotlib 3", not_claimed=[]), False, "not_claimed: differs from"),
+}
+
+
+@pytest.mark.parametrize("what", CLAIMS)
+def test_a_forged_report_that_claims_another_maker_never_matches(reported: Path, what: str) -> None:
+    claimed, agrees, said = CLAIMS[what]
+    page_forged_with_its_hash(reported, claimed)
+    ended = CliRunner().invoke(app, ["report", str(reported), "--verify", "--json"])
+    found = json.loads(ended.stdout)
+    assert (ended.exit_code, found["agrees"]) == (1, agrees), found
+    assert any(said in text for text in found["findings"]), found
+
+
+def test_what_another_maker_made_is_not_known_and_said_on_a_line_of_its_own(bare: Path) -> None:
+    write_report(bare)
+    altered(bare, lambda facts: facts.update(jbclog="9.9.0"))
+    (bare / "annotations.jsonl").unlink(missing_ok=True)
+    vouch(bare, hashlib.sha256((bare / "report.json").read_bytes()).hexdigest())
+    ended = CliRunner().invoke(app, ["report", str(bare), "--verify", "--json"])
+    found = json.loads(ended.stdout)
+    assert (ended.exit_code, found["agrees"], len(found["findings"])) == (1, None, 1)
+    said = CliRunner().invoke(app, ["report", str(bare), "--verify"])
+    assert (said.exit_code, said.stdout.splitlines()) == (1, found["findings"])
+    assert "matches" not in said.stdout
+    write_report(bare)
+    assert verified(bare).agrees is True

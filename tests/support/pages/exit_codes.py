@@ -11,7 +11,8 @@ MEANINGS: Mapping[Exit, str] = {
     Exit.FINE: "Fine.",
     Exit.NOT_FINE: "It ended, and something is not fine. `run`, `batch`: a verdict other than ACCEPT or NOT JUDGED, an alarm, a "
     "setting that changed, fewer units or joints than demanded. `audit`: something is due. `check`, `report --verify`, `doctor`: a "
-    "finding. `alarms`: an alarm that nobody acknowledged. `safe --wait`: a tool that is still warm.",
+    "finding, or a report that cannot be compared. `alarms`: an alarm that nobody acknowledged. "
+    "`safe --wait`: a tool that is still warm.",
     Exit.USAGE: "Wrong usage, recipe, line or jobs file. Nothing was sent.",
     Exit.STATION: "A station did not answer at the start, is not in Robot mode, refused the recipe or cannot keep the rate; the "
     "run then starts on none (with `--allow-missing`, only if none starts). Or a station was disconnected at the end, or another "

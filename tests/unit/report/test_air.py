@@ -18,7 +18,8 @@ from jbclog.analysis.verdict import Evidence, Limits, judge
 from jbclog.core.rows import StationFacts
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.ledger import ledger_of
-from jbclog.report.write import verify_report, write_report
+from jbclog.report.verify import verify_report
+from jbclog.report.write import write_report
 from support.readers.drawn import artists, corners, panel, texts
 from support.records.sealed_run import RECIPE, lose, micros, samples, seal, station, table
 

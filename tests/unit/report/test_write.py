@@ -23,7 +23,8 @@ from jbclog.record.check import check
 from jbclog.record.manifest import LineFile, Lost, Metadata, read_manifest, write_manifest
 from jbclog.report.page import SCRIPTS
 from jbclog.report.verdict import without_urls
-from jbclog.report.write import verify_report, write_report
+from jbclog.report.verify import verify_report
+from jbclog.report.write import write_report
 from support import once
 from support.records.sealed_run import RECIPE, alarm, limit, lose, micros, samples, seal, station, table
 from support.records.small_run import begin, make_run
