@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import os
 import secrets
+import signal
+import socket
 import sys
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import typer
 
 from jbclog.cli.options import NO_FOLDER, is_folder
 from jbclog.cli.output import note, reports_errors
 from jbclog.core.errors import UsageError
+from jbclog.core.outcome import Exit
+from jbclog.transport.signals import Signals
+
+if TYPE_CHECKING:
+    from jbclog.app.watch.server import PageServer
 
 NOT_INSTALLED: Final = "{}: `pip install 'jbclog[{}]'` installs what this view needs"
 NICENESS: Final = 10
@@ -78,4 +85,19 @@ def _serve(path: Path, address: str, port: int, token: str | None) -> None:
     query = "" if token is None else f"?token={token}"
     note(f"watching {path} on http://{host}:{opened.getsockname()[1]}/{query}; Ctrl-C ends it")
     with opened, follow(path, joints=True) as follower:
-        PageServer(follower.poll, Access(address, token), path, QueueFollower(path).poll).run([opened])
+        _run_until_signal(PageServer(follower.poll, Access(address, token), path, QueueFollower(path).poll), opened)
+
+
+def _run_until_signal(server: PageServer, opened: socket.socket) -> None:
+    """Serve until SIGINT or SIGTERM. The server raises the signal again when it has shut down, which would kill this process."""
+    ended: list[signal.Signals] = []
+
+    def stop(number: signal.Signals) -> None:
+        ended.append(number)
+        server.should_exit = True  # one that comes before the server listens to signals
+
+    with Signals((signal.SIGTERM,)) as signals:
+        signals.notify(stop)
+        server.run([opened])
+    if ended:
+        raise typer.Exit(Exit.TERMINATED)

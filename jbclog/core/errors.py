@@ -219,8 +219,16 @@ class Unsafe(JbclogError):
     exit_code = 5
 
 
+NOT_LOADED = ("failed to map segment", "cannot allocate memory", "Cannot allocate memory")  # the dynamic loader, short of memory
+
+
 def cause(error: BaseException) -> str:
-    """Return the text of `error`, or its meaning if it has none, as `MemoryError` has."""
+    """Return the text of `error`, or its meaning if it has none, as `MemoryError` has.
+
+    A library that is loaded late is refused memory with an `ImportError`; some packages call themselves incomplete then.
+    """
+    if isinstance(error, ImportError) and any(text in str(error) for text in NOT_LOADED):
+        return f"memory was refused: {error}"
     return str(error) or ("memory was refused" if isinstance(error, MemoryError) else "it gives no reason")
 
 

@@ -154,6 +154,8 @@ def _retry(
     end = time.monotonic() + RETRY_FOR_S
     while left and time.monotonic() < end:
         time.sleep(RETRY_EVERY_S)
+        if lease_writer.was_cleared:  # also asked without the lock: a guard without descriptors cannot take that
+            return
         with suppress(Exception), guard_lock(folder):
             if lease_writer.was_cleared:
                 return

@@ -47,7 +47,7 @@ class LeaseWriter:
 
     @property
     def was_cleared(self) -> bool:
-        """Whether another process removed the leases written here."""
+        """Whether another process removed the leases written here. Needs no descriptor."""
         return self._is_written and not (self._folder / lease.NAME).exists()
 
     def _write_on(self) -> None:
@@ -55,7 +55,7 @@ class LeaseWriter:
             try:  # not `suppress`: to make one takes memory, and a refusal there would end this thread
                 self._write_next()
             except Exception:
-                self._is_written = False
+                continue
 
     def _write_next(self) -> None:
         with self._changed:
@@ -66,11 +66,9 @@ class LeaseWriter:
         self._write(stations)
 
     def _write(self, stations: list[StationLease]) -> None:
-        try:
+        with suppress(Exception):  # those written before are still there
             lease.write_leases(self._folder, stations)
             self._is_written = any(station.holds for station in stations)
-        except Exception:
-            self._is_written = False
         with suppress(Exception):
             self._action_log.reserve(sum(len(station.ports) + LINES_A_STATION for station in stations if station.holds))
         for station in stations:

@@ -18,6 +18,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
+
 from jbclog.analysis.run import open_run
 from jbclog.cli.watch import NICENESS
 from jbclog.live import Condition, Follower, Phase, RunState
@@ -178,7 +180,8 @@ def test_it_needs_a_terminal_and_a_folder(tmp_path: Path) -> None:
     assert (done.returncode, "no such folder" in done.stderr) == (2, True)
 
 
-def test_the_command_serves_a_page(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_the_command_serves_a_page(tmp_path: Path, number: signal.Signals, code: int) -> None:
     recording = Recording(tmp_path)
     recording.rows(3)
     recording.commit()
@@ -192,10 +195,10 @@ def test_the_command_serves_a_page(tmp_path: Path) -> None:
             line = events.readline()
             while recording.folder.name.encode() not in line:
                 line = events.readline()
-            process.send_signal(signal.SIGINT)
+            process.send_signal(number)
             assert events.read() is not None
         _, told = process.communicate(timeout=WAIT_S)
-    assert (process.returncode, told) == (130, "")
+    assert (process.returncode, told) == (code, "")
     recording.abandon()
 
 

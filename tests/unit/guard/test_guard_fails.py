@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import select
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -12,6 +14,7 @@ from pathlib import Path
 import pytest
 
 from jbclog.guard import __main__ as guard_itself
+from jbclog.guard import lease as leases
 from jbclog.guard.action_log import NAME as DIARY
 from jbclog.guard.action_log import ActionLog
 from jbclog.guard.lease import StationLease, read_leases, write_leases
@@ -195,3 +198,27 @@ def test_a_lease_is_closed_as_far_as_it_could_be_written_down_why(tmp_path: Path
     guard_itself._close_lease(left, LeaseWriter(tmp_path, action_log), action_log)
     assert read_leases(tmp_path) == ([LEASE] if is_torn else left)
     assert (tmp_path / DIARY).exists() == bool(left)  # what has nothing in it is taken away when all is done
+
+
+def test_one_without_descriptors_ends_when_another_process_has_dealt_with_its_lease(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """It can neither write the lease again nor take the lock; a removed lease is seen all the same."""
+    action_log = ActionLog(tmp_path)
+    lease_writer = LeaseWriter(tmp_path, action_log)
+    lease_writer.put([LEASE])
+    lease_writer.settle(5.0)
+
+    def refused(*_: object) -> None:
+        raise OSError(errno.EMFILE, "Too many open files")
+
+    monkeypatch.setattr(leases, "write_leases", refused)
+    monkeypatch.setattr(guard_itself, "guard_lock", refused)
+    lease_writer.put([LEASE])
+    lease_writer.settle(5.0)
+    (tmp_path / leases.NAME).unlink()
+    monkeypatch.setattr(guard_itself, "RETRY_EVERY_S", 0.01)
+    monkeypatch.setattr(guard_itself, "RETRY_FOR_S", 60.0)
+    began = time.monotonic()
+    guard_itself._retry(tmp_path, [LEASE], (), lease_writer, action_log)
+    assert time.monotonic() - began < 30
