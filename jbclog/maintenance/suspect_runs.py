@@ -72,6 +72,7 @@ def where_used(
     _expect_known(search(out), out, book, station)
     window = _window(book, station, port, tip, since)
     if window.bad is None and since is None:
+        window.unreadable.extend(one for one in search(out) if isinstance(one, Unreadable))
         return window
     if tip is None and window.bad is not None and since is None:
         tip = window.bad.tip

@@ -64,6 +64,8 @@ def uncovered(folder: Path, head: str | None) -> Iterator[tuple[str, str]]:
         yield NAME, "has no digest (first release): only --head reveals a change"
     if os.path.lexists(folder / guard_actions.LEASE):
         yield guard_actions.LEASE, "only its stations and ports are compared; `jbclog safe` removes it when their tools are safe"
+    if os.path.lexists(folder / guard_actions.LOCK):
+        yield guard_actions.LOCK, "an empty lock, as a killed guard leaves one; nothing says whose it is"
     for name in CACHES:
         if os.path.lexists(folder / name):
             yield name, "a cache, never the truth: only `jbclog trend` reads it, and `--no-cache` computes the same from the record"

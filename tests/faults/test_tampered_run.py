@@ -443,6 +443,7 @@ def test_a_guard_s_lock_is_an_empty_file_or_not_there(run: Path, tmp_path: Path)
     lock = run / "guard.lock"
     lock.touch()
     assert check(run) == []
+    assert [file for file, _ in uncovered(run, None)] == ["guard.lock"]
     lock.write_bytes(bytes(1 << 20))
     assert named(run) == {"guard.lock"}
     lock.unlink()

@@ -212,6 +212,13 @@ def test_what_cannot_be_read_is_told_and_ends_with_1(tmp_path: Path) -> None:
     assert used(tmp_path)[1]["code"] == 1
 
 
+def test_without_a_known_verification_too_an_unreadable_run_is_named(tmp_path: Path) -> None:
+    (tmp_path / "torn").mkdir()
+    (tmp_path / "torn" / "manifest.json").write_text("{")
+    ended = CliRunner().invoke(app, ["where-used", str(tmp_path), "--station", "dde-1"])
+    assert (ended.exit_code, "No verification is known." in ended.output, "torn: " in ended.output) == (1, True, True)
+
+
 @pytest.mark.parametrize("name", [name for name in HOSTILE if name not in ("line end", "NUL")])
 def test_hostile_texts_do_not_steer_the_terminal(tmp_path: Path, name: str) -> None:
     checked(tmp_path, 0, "fail", tip=HOSTILE[name] or "-")
