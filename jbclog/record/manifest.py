@@ -16,9 +16,11 @@ from jbclog.core.errors import RecordError
 from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.core.foreign.json_reader import builder, expect_moment, expect_period, expect_year, json_of, read_json
 from jbclog.core.rows import Goal, StationFacts, TipCheck
+from jbclog.record.manifest_counts import expect_counts
 from jbclog.record.schema import SCHEMA_VERSION
 
 NAME: Final = "manifest.json"
+MOST_SAID: Final = 500
 END: Final = b"\n}\n"
 DIGEST: Final = ',\n "digest": "%s"\n}\n'
 _DIGEST: Final = re.compile(rb',\n "digest": "([0-9a-f]{64})"\n\}\n')
@@ -100,10 +102,10 @@ class Metadata:
     tips: list[str] = field(default_factory=list)
 
     def said(self) -> dict[str, str]:
-        """Return all entries by name, tags last, several of a kind joined."""
+        """Return all entries by name, tags last, several of a kind joined, at most `MOST_SAID` of them."""
         plain = {"operator": self.operator, "order": self.order, "product": self.product}
         several = {"units": self.units, "wire lots": self.wire_lots, "flux lots": self.flux_lots, "tips": self.tips}
-        shown = plain | {name: ", ".join(texts) for name, texts in several.items()}
+        shown = plain | {name: _joined(texts) for name, texts in several.items()}
         tags = {f"tag {name}" if name in shown else name: text for name, text in self.tags.items()}
         return {name: text for name, text in shown.items() if text} | tags
 
@@ -115,6 +117,11 @@ class Metadata:
             of.setdefault(place if equals else "", set()).add(name if equals else place)
         found = of.get(f"{station}:{port}") or of.get(station) or of.get("") or set()
         return found.pop() if len(found) == 1 else None
+
+
+def _joined(texts: list[str]) -> str:
+    more = len(texts) - MOST_SAID
+    return ", ".join(texts[:MOST_SAID]) + (f" and {more} more, in {NAME}" if more > 0 else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +206,27 @@ class Manifest:
         """Return all known units, each once: those named at the start, then those read during the run."""
         return list(dict.fromkeys([*self.metadata.units, *(unit.serial for unit in self.units)]))
 
+    def counts(self) -> dict[str, int]:
+        """Return the number of entries of each list, by the names in `manifest_counts`."""
+        stated = self.metadata
+        return {
+            "stations": len(self.stations),
+            "recipes": len(self.recipes),
+            "units": len(self.units),
+            "files": len(self.files),
+            "verdict rules": len(self.verdict_rules),
+            "verifications": len(self.verifications),
+            "goals": len(self.goals),
+            "host entries": len(self.host),
+            "tags": len(stated.tags),
+            "wire lots": len(stated.wire_lots),
+            "flux lots": len(stated.flux_lots),
+            "tips": len(stated.tips),
+            "stated units": len(stated.units),
+            "stations in the accounting": len(self.ledger),
+            "signals in the accounting": sum(len(signals) for ports in self.ledger.values() for signals in ports.values()),
+        }
+
     def station(self, name: str) -> StationFacts | None:
         """Return the facts of the station `name`."""
         return next((facts for facts in self.stations if facts.name == name), None)
@@ -222,6 +250,7 @@ def read_manifest(folder: Path) -> Manifest:
         if isinstance(version, int) and version > SCHEMA_VERSION:
             raise RecordError(f"{path}: written with schema {version}; this jbclog knows {SCHEMA_VERSION}")
         manifest = _build_manifest(data)
+        expect_counts(manifest.counts(), manifest.stations)
         for time in (manifest.started, manifest.ended):
             _expect_time(time)
         expect_moment(manifest.t0_utc)

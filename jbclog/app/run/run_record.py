@@ -35,6 +35,7 @@ from jbclog.record.folder import create_run, keep_text
 from jbclog.record.ledger import ledger_of
 from jbclog.record.live import SEAL_S, LiveStore, OnFailure
 from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, iso, write_manifest
+from jbclog.record.manifest_counts import expect_counts
 from jbclog.record.seal import seal_in_child
 from jbclog.session.run.context import SessionContext
 
@@ -97,8 +98,15 @@ class RunRecord:
         self.manifest.verifications = self._cited(out)
         self.contexts = [SessionContext(order, self.journal, self.utc) for order in station_tasks(plan, self.t0)]
 
+    def _expect_readable(self) -> None:
+        try:
+            expect_counts(self.manifest.counts(), self.manifest.stations)
+        except ValueError as error:
+            raise RecordError(f"too much for one record: {error}. No station was touched") from error
+
     def begin(self) -> None:
         """Copy the inputs and begin to take rows. Raises `RecordError`; no station has been touched then."""
+        self._expect_readable()
         keep_text(self.folder, "line.toml", self._plan.line.text)
         for name, recipe in self._plan.recipes.items():
             keep_text(self.folder, f"recipes/{name}", recipe.text)

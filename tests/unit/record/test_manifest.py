@@ -168,3 +168,31 @@ def test_a_period_that_no_run_can_have_makes_it_no_manifest(tmp_path: Path, peri
     found = summary_of(tmp_path, ALL)
     assert isinstance(found, Unreadable)
     assert "is no sampling period" in found.why
+
+
+STATION = StationFacts("a", "url", "dde")
+TOO_LONG = {
+    "513 stations, at most 512": replace(FULL, stations=[STATION] * 513),
+    "1001 tags, at most 1000": replace(FULL, metadata=Metadata(tags={f"t{number}": "v" for number in range(1001)})),
+    "8193 tips, at most 8192": replace(FULL, metadata=Metadata(tips=["T"] * 8193)),
+    "1025 recipes, at most 1024": replace(FULL, recipes=FULL.recipes * 1025),
+    "513 stations in the accounting, at most 512": replace(FULL, ledger={f"s{number}": {} for number in range(513)}),
+    "1001 entries of unsafe at one station": replace(FULL, stations=[replace(STATION, unsafe=["hot"] * 1001)]),
+}
+
+
+@pytest.mark.parametrize("why", TOO_LONG)
+def test_a_list_that_is_too_long_makes_it_unreadable(tmp_path: Path, why: str) -> None:
+    """A report of 100 000 tags took 2 GB."""
+    write_manifest(tmp_path, TOO_LONG[why])
+    with pytest.raises(NoManifest, match=f"manifest.json is no manifest: {why}"):
+        read_manifest(tmp_path)
+
+
+def test_a_week_of_units_is_read_and_only_the_first_are_listed(tmp_path: Path) -> None:
+    """One each 5 s for a week."""
+    write_manifest(tmp_path, replace(FULL, units=[Unit(f"SN{number}", iso(2)) for number in range(120_960)]))
+    manifest = read_manifest(tmp_path)
+    shown = replace(manifest.metadata, units=manifest.serials()).said()["units"]
+    assert (len(manifest.units), len(shown) < 6000) == (120_960, True)
+    assert shown.endswith(" and 120460 more, in manifest.json")
