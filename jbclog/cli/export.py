@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from enum import StrEnum
 from importlib import import_module
@@ -97,7 +98,7 @@ def _writer(to: Format) -> Callable[[Source, Path], dict[str, int]]:
 
 
 def _default_place(run: Path, to: Format) -> Path:
-    name = run.resolve().name
+    name = Path(os.path.realpath(run)).name
     return Path(f"{name}-{to}" if to in FOLDERS else f"{name}.{to}")
 
 

@@ -94,9 +94,12 @@ def test_it_may_be_sealed_at_a_step_of_a_reader(closed: Path, sealing_steps: lis
 
 @pytest.mark.campaign
 @pytest.mark.parametrize("step", READING)
-def test_it_may_be_sealed_at_any_step_of_a_reader(closed: Path, sealing_steps: list[str], tmp_path: Path, step: str) -> None:
+def test_it_may_be_sealed_at_any_step_of_a_reader(
+    closed: Path, sealing_steps: list[str], tmp_path: Path, step: str, counted: Callable[..., None]
+) -> None:
     for until in range(len(sealing_steps)):
         sealed_meanwhile(closed, tmp_path, step, until)
+    counted(steps=len(sealing_steps), wrong=0)
 
 
 @pytest.mark.parametrize("step", [step for step in READING if step != "parts"])

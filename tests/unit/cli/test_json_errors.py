@@ -28,6 +28,7 @@ GONE = {
     "runs": ("gone",),
     "report": ("gone",),
     "check": ("gone",),
+    "export": ("gone", "--to", "csv"),
     "alarms": ("gone",),
     "annotate": ("gone", "text"),
     "compare": ("gone", "gone"),
