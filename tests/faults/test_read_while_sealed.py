@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,7 @@ from support.records import few_rows
 ROWS = 60
 READER = """
 import sys, warnings
+from collections.abc import Callable
 from pathlib import Path
 from jbclog.analysis.run import open_run
 from jbclog.record.manifest import read_manifest
