@@ -9,11 +9,12 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, Final, NamedTuple, cast
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -38,6 +39,7 @@ from jbclog.record.schema import TABLES
 # elsewhere: the next run's manifest, a report, an annotation, a printed page.
 
 AGAIN: Final = "make the report again"
+MOST_OF_A_KIND: Final = 100  # findings
 VERIFICATIONS: Final = "verifications.jsonl"  # of all runs of a folder (`jbclog.maintenance.verification`)
 
 
@@ -209,8 +211,7 @@ def _annotations(folder: Path) -> tuple[Annotations, list[str]]:
 MAY_BE_EMPTY: Final = ("recipes", capture.FOLDER, "figures", "tables")  # a crash at the start, or a report, leaves them so
 
 
-@dataclass(frozen=True, slots=True)
-class Finding:
+class Finding(NamedTuple):
     """A disagreement, and the file that shows it."""
 
     file: str
@@ -230,21 +231,34 @@ def check(folder: Path, head: str | None = None) -> list[Finding]:
     findings = [Finding(NAME, digest)] if digest else []
     if manifest.state != RunState.SEALED:
         return [*findings, Finding(NAME, "the run is not sealed: it is being recorded, or it crashed; then run `jbclog recover`")]
-    findings += [Finding(file, text) for file, text in cross_check(folder, manifest, head)]
-    findings += _files(folder, manifest)
-    findings += _wires(folder, manifest)
-    unreadable = [*_unreadable(folder, manifest)]
+    for kind in (cross_check(folder, manifest, head), _files(folder, manifest), _wires(folder, manifest)):
+        findings += _first(kind)
+    unreadable = [*_first(_unreadable(folder, manifest))]
     if unreadable:
         return findings + unreadable
     try:
-        return [*findings, *_ledger(folder, manifest), *_units(folder, manifest), *_events(folder, manifest), *_samples(folder)]
+        for kind in (_ledger(folder, manifest), _units(folder, manifest), _events(folder, manifest), _samples(folder)):
+            findings += _first(kind)
+        return findings
     except Exception as error:  # rows that no recorder wrote must not hide the findings so far
         return [*findings, Finding("tables", f"cannot be checked further: {unexpected_error_text(error)}")]
 
 
+def _first(findings: Iterable[tuple[str, str]]) -> Iterator[Finding]:
+    """Yield the first `MOST_OF_A_KIND`, and how many more there are: a list that somebody made must not hide the other kinds."""
+    more, last = 0, NAME
+    for number, (last, text) in enumerate(findings):
+        if number < MOST_OF_A_KIND:
+            yield Finding(last, text)
+        else:
+            more += 1
+    if more:
+        yield Finding(last, f"and {more} more findings of this kind")
+
+
 def changed_files(folder: Path, manifest: Manifest) -> Iterator[Finding]:
-    """Yield the files of the manifest that differ from what was sealed."""
-    for listed in manifest.files:
+    """Yield the files of the manifest that differ from what was sealed, each once."""
+    for listed in {file.path: file for file in manifest.files}.values():
         try:
             yield from _one_file(folder, listed)
         except (OSError, ValueError) as error:  # not ours to read; a name that no file can have
@@ -253,12 +267,15 @@ def changed_files(folder: Path, manifest: Manifest) -> Iterator[Finding]:
 
 def _files(folder: Path, manifest: Manifest) -> Iterator[Finding]:
     yield from changed_files(folder, manifest)
-    listed_paths = {file.path for file in manifest.files}
+    listed = Counter(file.path for file in manifest.files)
+    for path, times in listed.items():
+        if times > 1:
+            yield Finding(NAME, f"files: lists {path} {times} times")
     for file in _there(folder):
-        if file not in listed_paths:
+        if file not in listed:
             yield Finding(file, "is not in the manifest")
-    for path in live_files(folder):
-        yield Finding(path.name, "is left from before sealing; `jbclog recover` removes it")
+    for left in live_files(folder):
+        yield Finding(left.name, "is left from before sealing; `jbclog recover` removes it")
 
 
 def _one_file(folder: Path, listed: SealedFile) -> Iterator[Finding]:

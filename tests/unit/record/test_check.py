@@ -184,3 +184,21 @@ def test_a_session_that_counted_otherwise(run: Path) -> None:
     manifest.stations[0].due["1"]["temperature_c"] += 1
     write_manifest(run, manifest)
     assert any("121 were due" in text for text in texts(run))
+
+
+def test_a_list_that_somebody_made_gives_a_hundred_findings_of_a_kind(run: Path) -> None:
+    manifest = read_manifest(run)
+    gone = [replace(manifest.files[0], path=f"samples/gone-{number:04}") for number in range(3000)]
+    write_manifest(run, replace(manifest, files=[*manifest.files, *gone, *gone]))
+    (run / "extra").mkdir()
+    found = texts(run)
+    assert len(found) < 120
+    assert found[0] == "samples/gone-0000: is missing"
+    assert "manifest.json: files: lists samples/gone-0000 2 times" not in found  # of 6001 of that kind it is not among the first
+    assert "extra/: and 5901 more findings of this kind" in found
+
+
+def test_a_file_that_is_listed_again_and_again_is_one_finding(run: Path) -> None:
+    manifest = read_manifest(run)
+    write_manifest(run, replace(manifest, files=[*manifest.files, *[manifest.files[0]] * 20_000]))
+    assert texts(run) == [f"manifest.json: files: lists {manifest.files[0].path} 20001 times"]
