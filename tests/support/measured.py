@@ -7,15 +7,25 @@ import resource
 import subprocess
 import sys
 import tempfile
+from math import inf
 from pathlib import Path
 from typing import Final, NamedTuple
 
 ADDRESSES: Final = 4 << 30  # of addresses, which are more than memory
 MOST_CPU_S: Final = 60
+# its own figure of its peak: the one of `wait4` has the memory of whoever started it
+PROGRAM: Final = """
+import atexit, re, sys
+from pathlib import Path
+peak = Path(sys.argv.pop(1))
+atexit.register(lambda: peak.write_text(re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1]))
+from jbclog.cli import main
+main()
+"""
 
 
 class Measured(NamedTuple):
-    """What it said, its seconds of processor time, and its memory in MB."""
+    """What it said, its seconds of processor time, and its memory in MB, infinite where it was killed."""
 
     code: int
     text: str
@@ -25,14 +35,16 @@ class Measured(NamedTuple):
 
 def measured(*arguments: str | Path) -> Measured:
     """Run the command to its end."""
-    command = [sys.executable, "-c", "from jbclog.cli import main; main()", *map(str, arguments)]
-    with tempfile.TemporaryFile() as said:
+    with tempfile.TemporaryFile() as said, tempfile.TemporaryDirectory() as folder:
+        peak = Path(folder) / "peak"
+        command = [sys.executable, "-c", PROGRAM, str(peak), *map(str, arguments)]
         process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, preexec_fn=_limited)
         _, status, used = os.wait4(process.pid, 0)
         process.returncode = os.waitstatus_to_exitcode(status)
         said.seek(0)
         text = said.read().decode(errors="replace")
-    return Measured(process.returncode, text, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024)
+        peak_mb = int(peak.read_text()) / 1024 if peak.exists() else inf
+    return Measured(process.returncode, text, used.ru_utime + used.ru_stime, peak_mb)
 
 
 def _limited() -> None:

@@ -200,5 +200,5 @@ def test_a_list_that_somebody_made_gives_a_hundred_findings_of_a_kind(run: Path)
 
 def test_a_file_that_is_listed_again_and_again_is_one_finding(run: Path) -> None:
     manifest = read_manifest(run)
-    write_manifest(run, replace(manifest, files=[*manifest.files, *[manifest.files[0]] * 20_000]))
-    assert texts(run) == [f"manifest.json: files: lists {manifest.files[0].path} 20001 times"]
+    write_manifest(run, replace(manifest, files=[*manifest.files, *[manifest.files[0]] * 5000]))
+    assert texts(run) == [f"manifest.json: files: lists {manifest.files[0].path} 5001 times"]
