@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import ClassVar, Final
 
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import ItemGrid, VerticalScroll
 from textual.content import Content
+from textual.css.query import NoMatches
 from textual.screen import Screen
 from textual.widgets import Footer, Static
 
@@ -162,11 +164,10 @@ class WatchApp(App[None]):
             self.call_from_thread(self._take, state, queues)
 
     def _take(self, state: RunState | None, queues: Sequence[BatchQueue]) -> None:
-        if not self.screen_stack[0].children:
-            return  # the app ends
-        self.show_queues(queues)
-        if state is not None:
-            self.show(state)
+        with suppress(NoMatches):  # the app ends: its parts are removed one by one
+            self.show_queues(queues)
+            if state is not None:
+                self.show(state)
 
     def show(self, run: RunState) -> None:
         """Show a run."""

@@ -156,6 +156,16 @@ GREY = 4
 WINDOW = ("ff5f57", "febc2e", "28c840", "0178d4")  # buttons that the picture draws around the terminal
 
 
+def test_what_was_read_while_the_app_ends_is_not_shown() -> None:
+    """Its parts are removed one by one, and a thread may still bring something."""
+
+    async def steps(app: WatchApp, _pilot: Pilot[None]) -> None:
+        await app.query_one("#queue").remove()
+        app._take(live_states.run(), ())
+
+    play(steps)
+
+
 def test_it_reads_in_a_thread_and_again_after_trouble() -> None:
     answers: list[object] = [None, RecordError("the disk is away"), live_states.run()]
 
