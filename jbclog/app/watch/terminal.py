@@ -207,7 +207,8 @@ class WatchApp(App[None]):
         events.update(Content("\n".join(shown[-lines:]) or "no event"))
 
     def _show_trouble(self, text: str) -> None:
-        self.screen_stack[0].query_one("#head", Static).update(Content(clean(text)))
+        with suppress(NoMatches):  # as in `_take`
+            self.screen_stack[0].query_one("#head", Static).update(Content(clean(text)))
 
     def action_severity(self) -> None:
         """Show events from the next severity on."""
