@@ -13,6 +13,7 @@ ONCE_EACH = {
     "jbclog.analysis.joints.identify": ("identify",),
     "jbclog.analysis.joints.sweeps": ("doubt_of",),
     "jbclog.analysis.joints.joints": ("doubt_of",),
+    "jbclog.report.gather": ("_overview",),
     "jbclog.report.joints": ("_svg",),
     "jbclog.report.paper": ("pdf_of",),
     "jbclog.report.ports": ("_svg",),

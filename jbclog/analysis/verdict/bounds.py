@@ -195,14 +195,14 @@ def _half(weights: Floats, scales: Floats, freedom: int, level: float) -> float:
 def _beyond_t(t: Floats, freedom: int) -> Floats:
     """Return the two-sided probability beyond t, by D. L. Wallace (1959): accurate to 0.0005 from 5 degrees of freedom on."""
     z = (8 * freedom + 1) / (8 * freedom + 3) * np.sqrt(freedom * np.log1p(t * t / freedom))
-    return np.array([erfc(one / sqrt(2)) for one in z])
+    return np.array([erfc(one) for one in (z / sqrt(2)).tolist()])
 
 
 def _below_chi_squared(value: Floats, freedom: Floats) -> Floats:
     """Return the probability that chi-squared is below `value`, by E. B. Wilson and M. M. Hilferty (1931)."""
     share = 2 / (9 * freedom)
     z = (np.cbrt(value / freedom) - (1 - share)) / np.sqrt(share)
-    return np.array([erfc(-one / sqrt(2)) / 2 for one in z])
+    return np.array([erfc(one) / 2 for one in (-z / sqrt(2)).tolist()])
 
 
 def _spread(

@@ -35,13 +35,15 @@ def soldered(
     """
     steps = round(seconds / STEP_S)
     tip, work, owner = Tip(begins_c, rated_w), 40.0, -1
-    temperature, power, aim = np.empty(steps), np.empty(steps), np.empty(steps)
-    for step in range(steps):
-        now = step * STEP_S
-        aim[step] = [celsius for start, celsius in settings if start <= now][-1]
-        touching = next((number for number, (start, end) in enumerate(contacts) if start <= now < end), -1)
+    at, temperature, power, aim = np.arange(steps) * STEP_S, np.empty(steps), np.empty(steps), np.empty(steps)
+    for start, celsius in settings:
+        aim[at >= start] = celsius
+    contact = np.full(steps, -1)
+    for number, (start, end) in reversed([*enumerate(contacts)]):
+        contact[(start <= at) & (at < end)] = number
+    for step, (set_c, touching) in enumerate(zip(aim.tolist(), contact.tolist(), strict=True)):
         work, owner = (40.0 if touching != owner else work), touching
-        tip.step(STEP_S, aim[step], conductance if touching >= 0 else 0.0, work)
+        tip.step(STEP_S, set_c, conductance if touching >= 0 else 0.0, work)
         if touching >= 0:
             flow = conductance * (tip.temperature_c - work)
             work += STEP_S * (flow - leak * (work - 40.0)) / 0.15

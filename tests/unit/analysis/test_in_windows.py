@@ -19,7 +19,7 @@ from jbclog.analysis.run_metrics import joints_and_metrics
 from support.records.long_run import LongRun
 from support.records.made_series import line, made, rest, steps
 
-SIX_HOURS_S, HALF_A_DAY_S, DAY_S, TWO_DAYS_S = 21_600.0, 43_200.0, 86_400.0, 172_800.0
+THREE_HOURS_S, HALF_A_DAY_S, TWO_DAYS_S = 10_800.0, 43_200.0, 172_800.0
 MOST_BYTES, MOST_BYTES_AT_10_HZ = 2e6, 20e6
 BYTES_A_JOINT = 3000.0
 BYTES_A_SECOND = 3.0  # the mean of each 10 s of idling is kept
@@ -100,13 +100,13 @@ def memory(run: LongRun) -> tuple[float, int, float]:
 
 
 @pytest.mark.parametrize(("family", "is_free"), [("dde", True), ("jtse", False)])
-def test_memory_is_the_same_for_six_hours_and_a_day(family: str, is_free: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_is_the_same_for_three_hours_and_half_a_day(family: str, is_free: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_metrics, "MOST_ROWS", 1)
     monkeypatch.setattr(values, "MOST_KEPT", 1000)
-    few, _, _ = memory(LongRun(SIX_HOURS_S, 0.1, family, is_free, 500))
-    many, _, _ = memory(LongRun(DAY_S, 0.1, family, is_free, 500))
+    few, _, _ = memory(LongRun(THREE_HOURS_S, 0.1, family, is_free, 500))
+    many, _, _ = memory(LongRun(HALF_A_DAY_S, 0.1, family, is_free, 500))
     assert few < MOST_BYTES
-    assert many < 1.1 * few + BYTES_A_SECOND * (DAY_S - SIX_HOURS_S)
+    assert many < 1.1 * few + BYTES_A_SECOND * (HALF_A_DAY_S - THREE_HOURS_S)
 
 
 @pytest.mark.campaign

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from datetime import timedelta
 from pathlib import Path
+from shutil import copytree
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -23,9 +24,14 @@ from support.records import few_rows
 from support.records.small_run import make_run
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_run(tmp_path_factory.mktemp("runs"), seconds=12.0)
+
+
 @pytest.fixture
-def run(tmp_path: Path) -> Path:
-    return make_run(tmp_path, seconds=12.0)
+def run(made: Path, tmp_path: Path) -> Path:
+    return copytree(made, tmp_path / made.name)
 
 
 def texts(folder: Path) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
+from shutil import copytree
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -19,9 +20,15 @@ from support.records.small_run import make_run
 Change = Callable[[pa.Table], pa.Table]
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    return [make_run(tmp_path_factory.mktemp(name), seconds=6.0) for name in ("first", "second")]
+
+
 @pytest.fixture
-def pair(tmp_path: Path) -> tuple[Path, Path]:
-    return make_run(tmp_path / "first", seconds=6.0), make_run(tmp_path / "second", seconds=6.0)
+def pair(made: list[Path], tmp_path: Path) -> tuple[Path, Path]:
+    first, second = (copytree(run, tmp_path / name / run.name) for name, run in zip(("first", "second"), made, strict=True))
+    return first, second
 
 
 def rewrite(folder: Path, table: str, change: Change) -> None:

@@ -56,9 +56,15 @@ def test_the_same_run_gives_the_same_bytes_in_other_places(tmp_path: Path) -> No
     assert {"report.html", "report.pdf", "report.json"} < set(found[0])
 
 
-def test_it_holds_no_time_of_making_and_no_name_of_a_machine(tmp_path: Path) -> None:
-    run = make_run(tmp_path, 30)
-    write_report(run)
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recorded one, with its report."""
+    folder = make_run(tmp_path_factory.mktemp("runs"), 30)
+    write_report(folder)
+    return folder
+
+
+def test_it_holds_no_time_of_making_and_no_name_of_a_machine(run: Path) -> None:
     data = (run / "report.pdf").read_bytes()
     assert data.startswith(b"%PDF-")
     ended = json.loads((run / "report.json").read_text("utf-8"))["ended"]
@@ -68,7 +74,7 @@ def test_it_holds_no_time_of_making_and_no_name_of_a_machine(tmp_path: Path) -> 
         assert "/Author" not in pdf.docinfo
         dates = {datetime.fromisoformat(str(meta[f"xmp:{name}"])).timestamp() for name in ("CreateDate", "ModifyDate")}
     assert dates == {int(datetime.fromisoformat(ended).timestamp())}
-    assert str(tmp_path).encode() not in data
+    assert str(run.parent).encode() not in data
 
 
 def test_what_was_said_since_is_in_the_report(tmp_path: Path) -> None:
@@ -82,9 +88,7 @@ def test_what_was_said_since_is_in_the_report(tmp_path: Path) -> None:
     assert "SN-12 scrapped" in (run / "report.html").read_text("utf-8")
 
 
-def test_the_data_s_hash_is_that_of_the_list_of_files(tmp_path: Path) -> None:
-    run = make_run(tmp_path, 30)
-    write_report(run)
+def test_the_data_s_hash_is_that_of_the_list_of_files(run: Path) -> None:
     facts = json.loads((run / "report.json").read_text("utf-8"))
     parts = sorted(path for name in ("samples", "events", "settings", "counters") for path in (run / name).glob("*.parquet"))
     lines = {path.relative_to(run).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in parts}
@@ -93,9 +97,7 @@ def test_the_data_s_hash_is_that_of_the_list_of_files(tmp_path: Path) -> None:
     assert facts["data_sha256"] == hashlib.sha256(text.encode()).hexdigest()
 
 
-def test_it_is_pdf_a_2a_for_a_reader_that_is_not_typst(tmp_path: Path) -> None:
-    run = make_run(tmp_path, 30)
-    write_report(run)
+def test_it_is_pdf_a_2a_for_a_reader_that_is_not_typst(run: Path) -> None:
     data = (run / "report.pdf").read_bytes()
     assert faults(data) == []
     with pikepdf.open(run / "report.pdf") as pdf:
@@ -104,9 +106,7 @@ def test_it_is_pdf_a_2a_for_a_reader_that_is_not_typst(tmp_path: Path) -> None:
     assert {font.split("+")[1] for font in fonts} == {"DejaVuSans", "DejaVuSans-Bold"}
 
 
-def test_pages_are_numbered_and_parts_come_in_the_order_of_the_page(tmp_path: Path) -> None:
-    run = make_run(tmp_path, 30)
-    write_report(run)
+def test_pages_are_numbered_and_parts_come_in_the_order_of_the_page(run: Path) -> None:
     sheets = page_texts((run / "report.pdf").read_bytes())
     assert [re.findall(r"page (\d+) of (\d+)", sheet) for sheet in sheets] == [
         [(str(number), str(len(sheets)))] for number in range(1, len(sheets) + 1)

@@ -71,9 +71,12 @@ class Page(HTMLParser):
 
 
 def report(folder: Path) -> tuple[Page, dict[str, Any]]:
-    page = write_report(folder)
-    assert page == folder / "report.html"
-    return Page(page.read_text("utf-8")), json.loads((folder / "report.json").read_text("utf-8"))
+    assert write_report(folder) == folder / "report.html"
+    return read(folder)
+
+
+def read(folder: Path) -> tuple[Page, dict[str, Any]]:
+    return Page((folder / "report.html").read_text("utf-8")), json.loads((folder / "report.json").read_text("utf-8"))
 
 
 def sealed(tmp_path: Path, rows: int = 600, **manifest: object) -> Path:
@@ -82,11 +85,19 @@ def sealed(tmp_path: Path, rows: int = 600, **manifest: object) -> Path:
 
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return make_run(tmp_path_factory.mktemp("runs"), 45)
+    """With its report."""
+    folder = make_run(tmp_path_factory.mktemp("runs"), 45)
+    write_report(folder)
+    return folder
 
 
-def test_a_recorded_run_is_told_with_its_verdict_first(recorded: Path) -> None:
-    page, data = report(recorded)
+@pytest.fixture(scope="module")
+def shown(recorded: Path) -> tuple[Page, dict[str, Any]]:
+    return read(recorded)
+
+
+def test_a_recorded_run_is_told_with_its_verdict_first(shown: tuple[Page, dict[str, Any]]) -> None:
+    page, data = shown
     assert data["verdict"]["word"] == "REJECT"
     assert data["verdict"]["decided"] == "with the run"
     heading = page.text.index("REJECT", page.text.index("process record"))
@@ -108,38 +119,37 @@ def test_a_recorded_run_is_told_with_its_verdict_first(recorded: Path) -> None:
     assert [len(one["ports"]) for one in sorted(data["stations"], key=lambda one: one["name"])] == [1, 2]
 
 
-def test_both_name_the_manifest_that_they_were_made_from_and_change_nothing(recorded: Path) -> None:
-    before = (recorded / "manifest.json").read_bytes()
-    page, data = report(recorded)
+def test_both_name_the_manifest_that_they_were_made_from_and_change_nothing(
+    recorded: Path, shown: tuple[Page, dict[str, Any]]
+) -> None:
+    before, (page, data) = (recorded / "manifest.json").read_bytes(), shown
     digest = hashlib.sha256(before).hexdigest()
     assert data["manifest_sha256"] == digest
     assert digest in page.text
     assert data["head"] == short_head(digest)
     assert f"jbclog check RUN --head {data['head']}" in page.text
     assert "Previous run on this line: not known" in page.text
-    assert (recorded / "manifest.json").read_bytes() == before
     assert check(recorded) == []
     for file in data["files"]:
         assert file["sha256"] in page.text
 
 
 def test_the_same_run_gives_the_same_bytes_and_a_changed_report_is_found(recorded: Path) -> None:
-    write_report(recorded)
     first = {path: path.read_bytes() for path in recorded.rglob("*") if path.is_file()}
     once.forget()
     write_report(recorded)
-    assert first == {path: path.read_bytes() for path in recorded.rglob("*") if path.is_file()}
+    assert first == {path: path.read_bytes() for path in recorded.rglob("*") if path.is_file()}  # the manifest's, too
     assert verify_report(recorded) == []
     (recorded / "report.html").write_text(first[recorded / "report.html"].decode().replace("REJECT", "ACCEPT"))
     (recorded / "figures" / "dde-1-1.svg").unlink()
     found = verify_report(recorded)
     assert len(found) == 2
     assert "report.html" in found[1]
-    write_report(recorded)
+    for path in (recorded / "report.html", recorded / "figures" / "dde-1-1.svg"):
+        path.write_bytes(first[path])
 
 
 def test_limits_that_were_changed_are_found_though_the_verdict_comes_out_the_same(recorded: Path) -> None:
-    write_report(recorded)
     for file in (next((recorded / "recipes").iterdir()), recorded / "line.toml"):
         before = file.read_bytes()
         file.write_bytes(before + b"# other\n")
@@ -148,9 +158,8 @@ def test_limits_that_were_changed_are_found_though_the_verdict_comes_out_the_sam
     assert verify_report(recorded) == []
 
 
-def test_the_page_needs_nothing_but_itself(recorded: Path) -> None:
-    write_report(recorded)
-    page = Page((recorded / "report.html").read_text("utf-8"))
+def test_the_page_needs_nothing_but_itself(shown: tuple[Page, dict[str, Any]]) -> None:
+    page, _ = shown
     assert [attrs for tag, attrs in page.elements if tag == "script"] == [{}, {}]  # uPlot and ours, in the page
     assert not [tag for tag, _ in page.elements if tag in ("link", "iframe", "object", "embed", "form", "base", "svg")]
     sources = [attrs.get("src") for tag, attrs in page.elements if tag == "img"]

@@ -11,8 +11,9 @@ from support.plants.second_record import scores, series_of
 from support.plants.tuning_plant import SEEDS, trial
 
 
-def test_joints_of_the_tuning_plant() -> None:
-    found = scores([trial(seed) for seed in SEEDS[:16]], 10.0)
+@pytest.mark.parametrize("trials", [5, pytest.param(16, marks=pytest.mark.campaign)])
+def test_joints_of_the_tuning_plant(trials: int) -> None:
+    found = scores([trial(seed) for seed in SEEDS[:trials]], 10.0)
     print(told(found))
     assert all_of(found).f1 >= 0.97
 
@@ -21,6 +22,6 @@ def test_joints_of_the_tuning_plant() -> None:
 def test_the_heat_capacity_of_the_tip_is_found(monkeypatch: pytest.MonkeyPatch, rated_w: float) -> None:
     """Nobody told it; in ‰·s/K it is the joules per kelvin over the watts of a per mille."""
     monkeypatch.setattr("support.plants.tuning_plant.Tip", lambda ambient_c, _: Tip(ambient_c, rated_w))
-    models = [find_joints(series_of(trial(seed), 10.0)).model for seed in SEEDS[:6]]
+    models = [find_joints(series_of(trial(seed), 10.0)).model for seed in SEEDS[:3]]
     found = [0.0 if model is None else model.capacity for model in models]
     assert min(found) == pytest.approx(1000 * CAPACITY_J_PER_K / rated_w, rel=0.06)  # half of them have a second mass

@@ -169,8 +169,8 @@ def looked_at(seconds: float) -> tuple[float, int, float]:
 
 
 def test_memory_does_not_grow_with_the_rows() -> None:
-    short, few, _ = looked_at(1.5 * WINDOW_S)
-    long, many, _ = looked_at(3.5 * WINDOW_S)
+    short, few, _ = looked_at(1.2 * WINDOW_S)
+    long, many, _ = looked_at(2.6 * WINDOW_S)
     assert many > 2 * few
     assert short < MOST_BYTES
     assert long - BYTES_A_JOINT * (many - few) < 1.1 * short

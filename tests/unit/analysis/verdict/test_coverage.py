@@ -107,8 +107,8 @@ def verdicts(difference_c: float, tau_s: float, times: int, seed: int, hz: float
 
 
 def test_tips_that_are_a_margin_apart_are_rarely_called_the_same() -> None:
-    assert verdicts(MARGIN_C, 3.0, 40, 21, hz=1.0).count("equivalent") <= 6
-    assert verdicts(0.0, 3.0, 20, 22, hz=1.0).count("equivalent") >= 16
+    assert verdicts(MARGIN_C, 3.0, 20, 21, hz=1.0).count("equivalent") <= 3  # 400 pairs in the campaign
+    assert verdicts(0.0, 3.0, 10, 22, hz=1.0).count("equivalent") >= 8
 
 
 # -- the campaign -------------------------------------------------------------------------------------------------------------
