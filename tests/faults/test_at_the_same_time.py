@@ -1,4 +1,4 @@
-"""Many at once: a hundred processes that want the same run's name, readers while a run is written.
+"""Many at once: forty processes that want the same run's name, readers while a run is written.
 
 docs/reference/faults.md, F-32 and F-43.
 """
@@ -20,7 +20,7 @@ from jbclog.record.folder import create_run
 from jbclog.record.seal import seal_rows
 from support.records import few_rows
 
-PROCESSES, NAMES = 100, 16
+PROCESSES, NAMES = 40, 16
 
 
 def in_a_process(act: Callable[[], str], waiting: int, begin: int) -> int:
@@ -37,7 +37,7 @@ def in_a_process(act: Callable[[], str], waiting: int, begin: int) -> int:
         os._exit(0)
 
 
-def test_a_hundred_processes_that_want_one_of_sixteen_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_forty_processes_that_want_one_of_sixteen_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Sixteen get a folder of their own, all others a refusal, and nobody another's."""
     monkeypatch.setattr(folders.secrets, "choice", lambda _letters: secrets.SystemRandom().choice("ab"))
 

@@ -311,6 +311,8 @@ def test_a_run_is_lived_through_up_to_the_hole(tmp_path: Path) -> None:
     seen = set()
     for place in range(200, len(data), len(data) // 7):
         file.write_bytes(data[:place] + bytes([data[place] ^ 1]) + data[place + 1 :])
+        if not [*losses(file)]:  # the time in the header of a member
+            continue
         again, left = relived(tmp_path / "run")
         assert again.samples == run.memory.samples[: len(again.samples)]
         assert again.events == run.memory.events[: len(again.events)]
