@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from shutil import copytree
 
@@ -39,6 +40,7 @@ def runs(home: Path) -> list[Path]:
     return sorted(path for path in home.iterdir() if path.is_dir())
 
 
+@cache
 def compared(home: Path, first: int, second: int, margin: float = 2.0) -> Comparison:
     return compare(open_run(runs(home)[first]), open_run(runs(home)[second]), margin)
 
@@ -93,11 +95,16 @@ def at_rate(folder: Path, hz: float | None) -> Path:
 
 @pytest.mark.parametrize(("hz", "other"), [(5.0, "5 Hz"), (None, "max"), (0.4, "0.4 Hz")])
 def test_runs_that_were_not_sampled_as_often_are_warned_of(home: Path, tmp_path: Path, hz: float | None, other: str) -> None:
-    slower = at_rate(one_run(tmp_path, 9, rows=ROWS), hz)
+    slower = at_rate(one_run(tmp_path, 9, rows=150), hz)
     found = compare(open_run(runs(home)[0]), open_run(slower))
     (warning,) = found.warnings
     assert warning.startswith(f"dde-1: sampled at 10 Hz and at {other}; results (joints")
     assert ("dde-1 rate", "10 Hz", other) in [(one.what, one.first, one.second) for one in found.facts]
+
+
+def test_the_warning_is_printed_and_in_the_json(home: Path, tmp_path: Path) -> None:
+    slower = at_rate(one_run(tmp_path, 9, rows=150), 5.0)
+    (warning,) = compare(open_run(runs(home)[0]), open_run(slower)).warnings
     told_ = on_line(runs(home)[0], slower)
     assert f"warning: {warning}" in told_.stdout
     assert json.loads(on_line(runs(home)[0], slower, "--json").stdout)["warnings"] == [warning]

@@ -18,7 +18,7 @@ from jbclog.record.guard_actions import plain_events
 from jbclog.record.live import RowBuffer
 from support.records import few_rows
 
-RUN, ROWS = "run", 3
+RUN, ROWS = "run", 2
 OURS = {module.__file__ for module in (batches, chains, live)}
 NEED_NONE = {"clear", "__exit__"}  # calls that need no memory
 

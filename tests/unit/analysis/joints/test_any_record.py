@@ -59,7 +59,7 @@ def any_cycles(seed: int) -> Cycles | None:
     return Cycles(at, counted) if rng.random() < 0.8 else None
 
 
-@pytest.mark.parametrize("seed", range(80))
+@pytest.mark.parametrize("seed", [*range(20), *(pytest.param(seed, marks=pytest.mark.campaign) for seed in range(20, 80))])
 def test_every_figure_has_a_value_or_a_reason(seed: int) -> None:
     series = any_series(seed)
     for kind in ("tip", "air", "omega"):
