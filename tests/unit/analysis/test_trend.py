@@ -23,12 +23,12 @@ from jbclog.core.errors import UsageError
 from jbclog.record.manifest import NAME, read_manifest, write_manifest
 from support.records.many_runs import many_runs, one_run, told
 
-STEADY = list(np.random.default_rng(5).normal(1.5, 0.8, 32))
+STEADY = list(np.random.default_rng(5).normal(1.5, 0.8, 30))
 
 
 @pytest.fixture(scope="module")
 def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """32 runs whose idle errors are stable and normal."""
+    """Thirty runs whose idle errors are stable and normal."""
     out = tmp_path_factory.mktemp("runs")
     many_runs(out, STEADY)
     return out
@@ -57,7 +57,7 @@ def trend(*words: str | Path) -> Result:
 def test_a_point_is_a_runs_metric_in_the_order_of_the_runs(home: Path) -> None:
     (found,) = trends(open_runs(home))
     assert (found.station, found.port, found.metric, found.unit) == ("dde-1", 1, "idle_error_c", "°C")
-    assert len(found.points) == 32
+    assert len(found.points) == 30
     assert [one.run for one in found.points] == sorted(one.run for one in found.points)
     own = open_runs(home)[7].metrics().set_index("metric").loc["idle_error_c", "value"]
     assert found.points[7].value == own
@@ -91,7 +91,7 @@ def test_what_would_mislead_is_refused_in_a_sentence(home: Path, tmp_path: Path)
     assert few.exit_code == 0
     assert "chart: none. There are 4 values; it takes at least 20." in few.stdout
     assert "capability: none. There are 4 values; it takes at least 30." in few.stdout
-    many_runs(tmp_path, list(np.linspace(-4, 4, 22)))
+    many_runs(tmp_path, list(np.linspace(-4, 4, 20)))
     assert "chart: none. Neighbouring values are alike" in trend(tmp_path).stdout
     assert "chart: none. The values come in steps" in trend(tmp_path, "-m", "recovery_s").stdout
 
@@ -148,7 +148,7 @@ def test_wrong_usage(home: Path, words: tuple[str, ...], said: str) -> None:
 def test_json_has_points_chart_and_refusals(home: Path) -> None:
     found = json.loads(trend(home, "--json", "--upper", "15").stdout)
     (one,) = found["trends"]
-    assert (found["runs"], one["n"], len(one["points"])) == (32, 32, 32)
+    assert (found["runs"], one["n"], len(one["points"])) == (30, 30, 30)
     assert one["points"][0].keys() == {"run", "started", "value", "n", "coverage", "resolution", "why"}
     assert one["capability"]["cp"] is None
     assert json.loads(trend(home, "--json", "-m", "energy_j").stdout)["trends"][0]["chart"]["refused"]["kind"] == "too_few"
@@ -156,7 +156,7 @@ def test_json_has_points_chart_and_refusals(home: Path) -> None:
 
 def test_filters_leave_runs_out(home: Path) -> None:
     assert "no run has" in trend(home, "--order", "none").stderr
-    assert json.loads(trend(home, "--json", "--since", "2026-09-22").stdout)["runs"] == 14
+    assert json.loads(trend(home, "--json", "--since", "2026-09-22").stdout)["runs"] == 12
     assert json.loads(trend(home, "--json", "--port", "2").stdout)["trends"] == []
 
 
@@ -167,7 +167,7 @@ def test_picture_and_page_are_written_and_the_same_again(home: Path, tmp_path: P
     page = (tmp_path / "a.html").read_text(encoding="utf-8")
     assert page == (tmp_path / "b.html").read_text(encoding="utf-8")
     assert (tmp_path / "a.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
-    assert page.count("<tr>") == 33
+    assert page.count("<tr>") == 31
     assert not re.search(r"(src|href|url)\s*[=(]\s*[\"']?https?:", page)
 
 

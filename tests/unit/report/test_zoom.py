@@ -64,8 +64,17 @@ def recorded(tmp_path: Path, rows: int = 2400) -> tuple[Path, pd.DataFrame]:
     return folder, pd.concat(pd.read_parquet(part) for part in sorted((folder / "samples").glob("*.parquet")))
 
 
-def embedded(folder: Path) -> ZoomData:
-    page = write_report(folder).read_text("utf-8")
+Shown = tuple[str, pd.DataFrame]
+"""The page of a run, and its rows."""
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory: pytest.TempPathFactory) -> Shown:
+    folder, rows = recorded(tmp_path_factory.mktemp("run"))
+    return write_report(folder).read_text("utf-8"), rows
+
+
+def embedded(page: str) -> ZoomData:
     found = re.findall(r'data-zoom="([^"]*)"', page)
     assert len(found) == 1
     return zoom_data(found[0])
@@ -75,9 +84,8 @@ def same(found: np.ndarray[tuple[int], np.dtype[np.float64]], wanted: pd.Series[
     return np.array_equal(found, wanted.to_numpy(dtype=np.float64, na_value=np.nan), equal_nan=True)
 
 
-def test_the_page_holds_every_reading_of_the_record_and_why_there_is_none(tmp_path: Path) -> None:
-    folder, rows = recorded(tmp_path)
-    found = embedded(folder)
+def test_the_page_holds_every_reading_of_the_record_and_why_there_is_none(shown: Shown) -> None:
+    found, rows = embedded(shown[0]), shown[1]
     assert (len(found.seconds), found.head["stretches"]) == (2380, 0)
     assert np.allclose(found.seconds, rows["tick"] / 10)
     for name in VALUES:
@@ -88,8 +96,8 @@ def test_the_page_holds_every_reading_of_the_record_and_why_there_is_none(tmp_pa
     assert found.why[1000] == ";temperature_c=disconnected;power_permille=disconnected"
 
 
-def test_it_holds_what_the_figure_marks(tmp_path: Path) -> None:
-    found = embedded(recorded(tmp_path)[0])
+def test_it_holds_what_the_figure_marks(shown: Shown) -> None:
+    found = embedded(shown[0])
     assert found.lanes["no data"] == [(100.0, 103.0, "disconnected"), (150.0, 152.0, "skipped")]
     assert found.lanes["alarm"] == [(70.0, 72.0, "high")]
     assert [(a, b) for a, b, _ in found.lanes["status"]] == [(0.0, 100.0), (103.0, 150.0), (152.0, 240.0)]
@@ -105,7 +113,7 @@ def test_beyond_its_share_a_port_has_the_extremes_of_each_stretch_and_the_readin
 ) -> None:
     monkeypatch.setattr(zoom, "MOST_READINGS", 1600)
     folder, rows = recorded(tmp_path)
-    found = embedded(folder)
+    found = embedded(write_report(folder).read_text("utf-8"))
     stretches = found.head["stretches"]
     assert stretches == 200
     for name in VALUES:
@@ -218,12 +226,11 @@ def test_uplot_is_the_released_file_with_its_licence() -> None:
     assert "jbclog/report/vendor/uplot/LICENSE" in declared
 
 
-def test_the_page_carries_uplots_licence_and_only_where_there_is_a_view(tmp_path: Path) -> None:
-    page = write_report(recorded(tmp_path / "one")[0]).read_text("utf-8")
-    assert UPLOT.joinpath("LICENSE").read_text("utf-8").strip() in page
+def test_the_page_carries_uplots_licence_and_only_where_there_is_a_view(shown: Shown, tmp_path: Path) -> None:
+    assert UPLOT.joinpath("LICENSE").read_text("utf-8").strip() in shown[0]
     silent = station(ports=(1,))
     silent.outcome, silent.touched, silent.safe_state = "refused", [], {}
-    bare = write_report(seal(tmp_path / "two", [silent], table())).read_text("utf-8")
+    bare = write_report(seal(tmp_path, [silent], table())).read_text("utf-8")
     assert "uPlot" not in bare
     assert "<script" not in bare
 
