@@ -8,12 +8,13 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from typer.testing import CliRunner
 
 import jbclog
 from jbclog.analysis.store.place import place_of
@@ -21,6 +22,7 @@ from jbclog.analysis.store.schema import DATA, TABLES
 from jbclog.app.publish.publisher import Publisher, Result
 from jbclog.app.publish.safe_place import expect_safe
 from jbclog.app.publish.upkeep import check, compact, vacuum
+from jbclog.cli.app import app
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.record import annotations
 from support.faults.s3_server import BUCKET, KEY, SECRET, Server, serving
@@ -55,10 +57,12 @@ def credentials(server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setenv(name, value)
 
 
-def published(run: Path, store: str, environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:
-    clean = {name: value for name, value in os.environ.items() if not name.startswith("AWS_")}
-    command = [*COMMAND, "publish", str(run), store]
-    return subprocess.run(command, env=clean | environment, capture_output=True, text=True, timeout=120, check=False)
+def refused(run: Path, store: str, code: int, capfd: pytest.CaptureFixture[str]) -> str:
+    """The one line with which `publish` ends with that code, and the libraries below it say nothing."""
+    ended = CliRunner().invoke(app, ["publish", str(run), store])
+    assert (ended.exit_code, ended.stdout, *capfd.readouterr()) == (code, "", "", "")
+    (line,) = ended.stderr.splitlines()
+    return line
 
 
 def test_all_of_it_in_s3(run: Path, s3: Server) -> None:
@@ -115,14 +119,17 @@ def test_other_urls_are_refused_without_their_secrets(url: str) -> None:
     assert SECRET not in str(refused.value)
 
 
-def test_missing_and_wrong_credentials_are_one_line_without_them(run: Path, tmp_path: Path) -> None:
+def test_missing_and_wrong_credentials_are_one_line_without_them(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
+    monkeypatch.setenv("HOME", str(tmp_path))
     with serving(INITIAL_NO_AUTH_ACTION_COUNT="1") as server:  # it lets in who makes the bucket, and asks from then on
-        wrong = server.environment
-        without = {name: value for name, value in wrong.items() if KEY not in value and SECRET not in value}
-        for environment in (wrong, without | {"AWS_EC2_METADATA_DISABLED": "true", "HOME": str(tmp_path)}):
-            ended = published(run, f"s3://{BUCKET}/x", environment)
-            assert (ended.returncode, ended.stdout) == (4, "")
-            (line,) = ended.stderr.splitlines()
+        credentials(server, monkeypatch)
+        for gone in ([], ["AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY"]):
+            for name in gone:
+                monkeypatch.delenv(name)
+            line = refused(run, f"s3://{BUCKET}/x", 4, capfd)
             assert line.startswith(f"error: s3://{BUCKET}/x")
             assert "AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY" in line
             assert SECRET not in line
@@ -130,18 +137,17 @@ def test_missing_and_wrong_credentials_are_one_line_without_them(run: Path, tmp_
             assert "Traceback" not in line
 
 
-def test_a_server_that_is_gone_is_one_line(run: Path) -> None:
-    ended = published(run, "s3://bucket/x", Server(1).environment)
-    assert (ended.returncode, ended.stdout) == (4, "")
-    (line,) = ended.stderr.splitlines()
-    assert "Connection refused" in line
+def test_a_server_that_is_gone_is_one_line(run: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
+    credentials(Server(1), monkeypatch)
+    assert "Connection refused" in refused(run, "s3://bucket/x", 4, capfd)
 
 
 @pytest.mark.parametrize(("how", "said"), [("none", "no hard links"), ("overwrite", "take the name of a finished file")])
 def test_a_share_without_atomic_names_is_refused(run: Path, tmp_path_factory: pytest.TempPathFactory, how: str, said: str) -> None:
     share = tmp_path_factory.mktemp("share")
     environment = {"LD_PRELOAD": str(made("odd_share", tmp_path_factory)), "ODD_SHARE": str(share), "ODD_LINKS": how}
-    ended = published(run, str(share / "store"), environment)
+    command = [*COMMAND, "publish", str(run), str(share / "store")]
+    ended = subprocess.run(command, env=os.environ | environment, capture_output=True, text=True, timeout=120, check=False)
     assert (ended.returncode, ended.stdout) == (2, "")
     (line,) = ended.stderr.splitlines()
     assert said in line

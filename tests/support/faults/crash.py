@@ -25,6 +25,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import pyarrow.dataset  # noqa: F401  # once, instead of in each child
 import pyarrow.parquet as pq
 
 from jbclog.core.locks import FolderLock

@@ -32,11 +32,24 @@ del os, name
 """
 
 
+ONCE = """import sys
+sys.path.append({tests!r})
+import jbclog.analysis.joints.joints
+from support import once
+once.install()
+"""
+"""The joints of a run, which several cells and notebooks want, are found once (`support.once`)."""
+
+
 class Kernel:
     """A kernel for several notebooks, one after the other: each finds no name of the one before it."""
 
     def __init__(self, client: NotebookClient) -> None:
         self._client = client
+
+    def execute(self, node: NotebookNode) -> None:
+        self._client.nb = node
+        self._client.execute(cleanup_kc=False)
 
     def executed(self, notebook: Path, folder: Path = HOME) -> NotebookNode:
         """The notebook after all of its cells ran in `folder`. Raises where one fails."""
@@ -46,8 +59,7 @@ class Kernel:
         environment = {name: value for name, value in os.environ.items() if name.startswith("JBCLOG_")}
         alone = nbformat.v4.new_code_cell(ALONE.format(folder=str(folder), environment=environment))
         node.cells.insert(0, alone)
-        self._client.nb = node
-        self._client.execute(cleanup_kc=False)
+        self.execute(node)
         node.cells.remove(alone)
         return node
 
@@ -59,7 +71,10 @@ def kernel() -> Iterator[Kernel]:
 
     client = NotebookClient(nbformat.v4.new_notebook(), timeout=250)
     with client.setup_kernel():
-        yield Kernel(client)
+        made = Kernel(client)
+        first = nbformat.v4.new_code_cell(ONCE.format(tests=str(HOME.parent / "tests")))
+        made.execute(nbformat.v4.new_notebook(cells=[first]))
+        yield made
 
 
 def run_here(notebook: Path) -> None:

@@ -2,7 +2,7 @@
 
 ``python tests/support records.notebook_data [NAME...]`` records them anew (all, or those named). The same program gives the same
 values; bytes may differ with the versions of what writes them. What was put into each of them stands here, and
-tests/docs/test_example_notebooks.py holds the notebooks against it.
+tests/docs/test_notebooks.py holds the notebooks against it.
 """
 
 from __future__ import annotations
