@@ -186,6 +186,8 @@ class StoreReader:
 
     def _note_gaps(self) -> None:
         """Note missing numbers: they run without a gap from the last deleted to the last stored batch."""
+        if not self.segments:
+            return  # sealed: no batch is stored, and the parts need not be opened to know that
         expected = (self._number("sealed") or max(through(self.folder, table) for table in TABLES)) + 1
         for number in [*sorted(n for n in self._where if n >= expected), self.last + 1]:
             if number > expected:

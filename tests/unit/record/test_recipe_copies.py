@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from shutil import copytree
 
 import pytest
 from typer.testing import CliRunner
@@ -14,10 +15,15 @@ from jbclog.record.manifest import read_manifest
 from support.records.small_run import make_run
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_run(tmp_path_factory.mktemp("runs"), 4.0)
+
+
 @pytest.fixture
-def linked(tmp_path: Path) -> Path:
+def linked(made: Path, tmp_path: Path) -> Path:
     """A run whose recipes lie elsewhere, as they were, behind a link."""
-    folder = make_run(tmp_path / "runs", 4.0)
+    folder = copytree(made, tmp_path / "runs" / made.name)
     (folder / "recipes").rename(tmp_path / "elsewhere")
     (folder / "recipes").symlink_to(tmp_path / "elsewhere")
     return folder
