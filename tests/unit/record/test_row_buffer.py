@@ -89,12 +89,14 @@ def calls_of_a_turn() -> int:
     return refusing.calls
 
 
-@pytest.mark.parametrize("many", [1, 2, 100])
-def test_nothing_is_lost_and_nothing_doubled_wherever_memory_is_refused(tmp_path: Path, many: int) -> None:
+@pytest.mark.parametrize(
+    ("many", "every"), [(1, 1), (2, 3), (100, 3), *(pytest.param(many, 1, marks=pytest.mark.campaign) for many in (2, 100))]
+)
+def test_nothing_is_lost_and_nothing_doubled_wherever_memory_is_refused(tmp_path: Path, many: int, every: int) -> None:
     bad: list[Exception] = []
     calls = calls_of_a_turn()
     assert calls > 100
-    for nth in range(1, calls + 1):
+    for nth in range(1, calls + 1, every):
         buffer = RowBuffer(RUN, lambda table, error: bad.append(error))
         handed_to(buffer, 0)
         with refused(nth, many), pytest.raises(MemoryError):
