@@ -203,7 +203,7 @@ def test_letters_that_the_font_lacks_are_told_and_not_lost_in_silence(tmp_path: 
     assert LACKING_MEANS in " ".join(whole.split())
 
 
-@pytest.mark.parametrize("stations", [1, 8])
+@pytest.mark.parametrize("stations", [1, 12])
 def test_who_signs_has_the_verdict_its_rules_and_the_places_on_the_first_sheet(tmp_path: Path, stations: int) -> None:
     names = [f"dde-{number}" for number in range(1, stations + 1)]
     columns = [samples(300, name, port, 5.0) for name in names for port in (1, 2)]
