@@ -84,11 +84,11 @@ def walk(folder: Path, home: Path, name: str, first: int, stride: int) -> int:
 
 
 def test_the_log_altered_at_some_places(in_the_log: Path, tmp_path: Path) -> None:
-    assert walk(in_the_log, tmp_path, "live.sqlite-wal", 11, 9001) > 5
+    assert walk(in_the_log, tmp_path, "live.sqlite-wal", 11, 13_007) > 5
 
 
 def test_the_pages_altered_at_some_places(in_the_pages: Path, tmp_path: Path) -> None:
-    assert walk(in_the_pages, tmp_path, "live.sqlite", 13, 3989) > 5
+    assert walk(in_the_pages, tmp_path, "live.sqlite", 13, 4909) > 5
 
 
 def test_the_first_bytes_of_the_pages(in_the_pages: Path, tmp_path: Path) -> None:

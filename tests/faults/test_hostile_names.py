@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import json
+import re
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from hashlib import sha256
@@ -388,7 +389,10 @@ PRINTS = {
 
 
 def prints(path: Path) -> bool:
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+    text = path.read_text("utf-8")
+    if not re.search(r"\bprint\b|echo\b|\bwrite\b", text):  # to parse all takes a second
+        return False
+    for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Call):
             called = ast.unparse(node.func)
             if called in ("print", "typer.echo", "typer.secho", "click.echo") or called.endswith(("stdout.write", "stderr.write")):

@@ -38,7 +38,7 @@ from jbclog.report.verify import verified, verify_report
 from jbclog.report.write import write_report
 from support.records.small_run import make_run
 
-STRIDE = 1499
+STRIDE = 2999
 
 
 @pytest.fixture(scope="module")
@@ -92,9 +92,9 @@ def name_of(path: Path, folder: Path) -> str:
 # -- bytes ------------------------------------------------------------------------------------------------------------------
 
 
-def turned_over(folder: Path, places: Callable[[int], Iterator[int]]) -> Iterator[str]:
-    """Each byte that was changed and not found, as file and place."""
-    for path in files(folder):
+def turned_over(folder: Path, places: Callable[[int], Iterator[int]], those: list[Path] | None = None) -> Iterator[str]:
+    """Each byte that was changed and not found, as file and place; of all files or of `those`."""
+    for path in files(folder) if those is None else those:
         data = path.read_bytes()
         for place in places(len(data)):
             path.write_bytes(data[:place] + bytes([data[place] ^ (1 << place % 8)]) + data[place + 1 :])
@@ -111,11 +111,12 @@ def test_bytes_that_are_turned_over_are_found_and_their_file_is_named(run: Path)
     assert check(run) == []
 
 
-def test_bytes_of_a_report_that_are_turned_over_are_found_and_their_file_is_named(reported: Path) -> None:
-    def some(size: int) -> Iterator[int]:
-        return iter(sorted({size // 2, size - 1}))
-
-    assert list(turned_over(reported, some)) == []
+def test_bytes_of_a_report_that_are_turned_over_are_found_and_their_file_is_named(whole: Path, reported: Path) -> None:
+    of_report = [path for path in files(reported) if not (whole / name_of(path, reported)).exists()]
+    assert len(of_report) > 10
+    assert list(turned_over(reported, lambda size: iter((size // 2,)), of_report)) == []
+    lines = [reported / "report.json", reported / "annotations.jsonl"]
+    assert list(turned_over(reported, lambda size: iter((size // 2, size - 1)), lines)) == []
     assert check(reported) == []
     assert list(uncovered(reported, None)) == []
 
@@ -601,16 +602,13 @@ def test_a_forged_report_that_claims_another_maker_never_matches(reported: Path,
     assert any(said in text for text in found["findings"]), found
 
 
-def test_what_another_maker_made_is_not_known_and_said_on_a_line_of_its_own(bare: Path) -> None:
-    write_report(bare)
-    altered(bare, lambda facts: facts.update(jbclog="9.9.0"))
-    (bare / "annotations.jsonl").unlink(missing_ok=True)
-    vouch(bare, hashlib.sha256((bare / "report.json").read_bytes()).hexdigest())
-    ended = CliRunner().invoke(app, ["report", str(bare), "--verify", "--json"])
+def test_what_another_maker_made_is_not_known_and_said_on_a_line_of_its_own(reported: Path) -> None:
+    vouched_anew(reported, lambda facts: facts.update(jbclog="9.9.0"))
+    ended = CliRunner().invoke(app, ["report", str(reported), "--verify", "--json"])
     found = json.loads(ended.stdout)
     assert (ended.exit_code, found["agrees"], len(found["findings"])) == (1, None, 1)
-    said = CliRunner().invoke(app, ["report", str(bare), "--verify"])
+    said = CliRunner().invoke(app, ["report", str(reported), "--verify"])
     assert (said.exit_code, said.stdout.splitlines()) == (1, found["findings"])
     assert "matches" not in said.stdout
-    write_report(bare)
-    assert verified(bare).agrees is True
+    write_report(reported)
+    assert verified(reported).agrees is True
