@@ -18,7 +18,6 @@ import pytest
 from fontTools.ttLib import TTFont
 
 from jbclog.analysis.figures import style
-from jbclog.analysis.figures.canvas import drawn_by
 from jbclog.core.text import clean
 from jbclog.record.annotations import append
 from jbclog.record.manifest import Metadata
@@ -227,7 +226,6 @@ def test_who_signs_has_the_verdict_its_rules_and_the_places_on_the_first_sheet(t
         ("typesetter", "typst 0.1.0", 1),
         ("typesetter", typesetter(), 0),
         ("drawn_by", "matplotlib 3.0.0", 1),
-        ("drawn_by", drawn_by(), 0),
     ],
 )
 def test_a_report_of_other_tools_is_compared_by_its_hashes(tmp_path: Path, tool: str, made_by: str, names: int) -> None:
