@@ -73,8 +73,8 @@ def test_killed_at_some_steps(slices: dict[tuple[str, bool], list[dict[str, obje
 
 
 def test_a_recorder_killed_at_random_moments(tmp_path: Path) -> None:
-    outcomes = killed(tmp_path, "random", "1", "4")
-    assert len(outcomes) == 4
+    outcomes = killed(tmp_path, "random", "1", "2")
+    assert len(outcomes) == 2
     for left in outcomes:
         assert_whole(left, None)
 
