@@ -14,6 +14,7 @@ from pathlib import Path
 from jbclog import __version__
 from jbclog.analysis.joints.evidence import joint_evidence
 from jbclog.analysis.verdict import RULES, Evidence, Judgement, Result, Rule, Targets, Verdict, asks_for_joints, judge
+from jbclog.analysis.verdict.samples import Measuring, measure
 from jbclog.analysis.verdict.versions import is_known, not_kept
 from jbclog.config.load_recipe import load_recipe
 from jbclog.config.recipe import Recipe
@@ -35,10 +36,12 @@ class VerdictCheck:
     notes: list[str] = field(default_factory=list)
 
 
-def judge_again(folder: Path, manifest: Manifest, by: int | None = None, *, counts_lacking: bool = True) -> Judgement:
+def judge_again(
+    folder: Path, manifest: Manifest, by: int | None = None, *, counts_lacking: bool = True, measuring: Measuring = measure
+) -> Judgement:
     """Judge a sealed run by the copies of its recipes and version `by` of the rules, by default its own.
 
-    An unreadable copy is missing evidence. `counts_lacking` as in `Evidence`.
+    An unreadable copy is missing evidence. `counts_lacking` as in `Evidence`, `measuring` as in `judge`.
     """
     recipes, unread = _recipes(folder, manifest)
     acceptance = {name: None if recipe is None else recipe.acceptance for name, recipe in recipes.items()}
@@ -58,7 +61,7 @@ def judge_again(folder: Path, manifest: Manifest, by: int | None = None, *, coun
         targets,
         counts_lacking,
     )
-    judgement = judge(evidence, acceptance, own_version(manifest) if by is None else by)
+    judgement = judge(evidence, acceptance, own_version(manifest) if by is None else by, measuring)
     if not unread:
         return judgement
     text = "The copy of its recipe cannot be read, so its limits are not known."

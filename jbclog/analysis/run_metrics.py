@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, astuple, replace
-from itertools import groupby
+from itertools import groupby, islice
 from math import inf
 from typing import Final, NamedTuple
 
@@ -40,6 +40,7 @@ from jbclog.record.manifest import manifest_sha256
 Moments = Mapping[float, int]
 """Seconds on a port's grid -> UTC in microseconds."""
 
+ROWS_AT_ONCE: Final = 4096
 ORDER_TO_WORK: Final = {"tip": "00000", "air": "00001"}  # status words of W-PS (manuals 000, 001, 002)
 
 
@@ -52,9 +53,10 @@ class MeasuredPort(NamedTuple):
     moments: Moments
 
     def joint_table(self) -> pa.Table:
-        """Return a row for each joint."""
-        rows = [_joint_row(self, number, joint) for number, joint in enumerate(self.measured.joints, 1)]
-        return pa.Table.from_pylist(rows, schema=JOINTS_SCHEMA)
+        """Return a row for each joint; a few thousand of them are plain rows at once."""
+        rows = (_joint_row(self, number, joint) for number, joint in enumerate(self.measured.joints, 1))
+        some = iter(lambda: list(islice(rows, ROWS_AT_ONCE)), [])
+        return _concatenated([pa.Table.from_pylist(these, schema=JOINTS_SCHEMA) for these in some])
 
     def metric_rows(self) -> list[MetricRow]:
         """Return a row for each metric."""
@@ -168,11 +170,11 @@ def _in_windows(run: RunTables, stations: Sequence[StationFacts]) -> Iterator[Me
             like = replace(reader.like((facts.name, port)), ordered_s=ordered_s)
             measuring[facts.name, port] = PortMeasuring(kind_of(facts), like, parameters)
     reader.sweep(measuring)
-    measured = {key: port.measured for key, port in measuring.items()}
+    measured = {key: measuring.pop(key).measured for key in [*measuring]}
     moments = reader.utc_us({key: _edges(one.joints) for key, one in measured.items()})
     for facts in stations:
         for port in facts.ports:
-            yield MeasuredPort(facts, port, measured[facts.name, port], moments[facts.name, port])
+            yield MeasuredPort(facts, port, measured.pop((facts.name, port)), moments.pop((facts.name, port)))
 
 
 def _reader(run: RunTables, stations: Sequence[StationFacts]) -> PortReader:

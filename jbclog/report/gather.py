@@ -22,8 +22,9 @@ from jbclog.analysis.figures.marks import happenings
 from jbclog.analysis.figures.style import NARROW, WIDE
 from jbclog.analysis.rejudge import is_cut_off, own_version
 from jbclog.analysis.run import Run
-from jbclog.analysis.verdict import RULES, judged_signals, measure
+from jbclog.analysis.verdict import RULES, judged_signals
 from jbclog.analysis.verdict.clock_steps import steps_of
+from jbclog.analysis.verdict.samples import KeptMeasures, Measuring
 from jbclog.core.rows import StationFacts
 from jbclog.record.annotations import read as read_annotations
 from jbclog.record.chains import short_head
@@ -65,8 +66,9 @@ def gather(run: Run, joints: Joints) -> Facts:
     ledger, reasons = ledger_rows(manifest.ledger)
     head = manifest_sha256(folder)
     overview = Overview(round((manifest.t0_utc or 0.0) * 1e6))
-    verdict, annotations = verdict_facts(folder, manifest), read_annotations(folder)
-    stations = list(_stations(run, joints, overview, verdict))
+    measuring, annotations = KeptMeasures(), read_annotations(folder)
+    verdict = verdict_facts(folder, manifest, measuring)
+    stations = list(_stations(run, joints, overview, verdict, measuring))
     names = [facts.name for facts in manifest.stations]
     rows = jointed({"stations": [asdict(station) for station in stations]})
     first = 1 if is_cut_off(manifest) else 0
@@ -119,7 +121,7 @@ def gather(run: Run, joints: Joints) -> Facts:
     )
 
 
-def _stations(run: Run, joints: Joints, overview: Overview, verdict: VerdictFacts) -> Iterator[StationReport]:
+def _stations(run: Run, joints: Joints, overview: Overview, verdict: VerdictFacts, measuring: Measuring) -> Iterator[StationReport]:
     """Yield one station after the other."""
     manifest, folder = run.manifest, run.folder
     t0_utc_us = round((manifest.t0_utc or 0.0) * 1e6)
@@ -128,7 +130,7 @@ def _stations(run: Run, joints: Joints, overview: Overview, verdict: VerdictFact
         t0_utc_us,
         happenings(run.events(), t0_utc_us),
         run.settings(),
-        measure(folder, {facts.name: facts for facts in manifest.stations}, rules=own_version(manifest)),
+        measuring(folder, {facts.name: facts for facts in manifest.stations}, {}, own_version(manifest)),
         manifest.ledger,
         is_cut_off(manifest),
         tuple(steps_of(folder)),

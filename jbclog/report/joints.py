@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
 from typing import Final
 
 import numpy as np
@@ -25,11 +24,12 @@ from jbclog.record.manifest import manifest_sha256
 from jbclog.report.facts import FigureFacts, JointFacts
 from jbclog.report.joint_chart import RecoveryChart, draw_chart, recovery_chart
 from jbclog.report.joint_words import never_back
-from jbclog.report.text import Row, iso
+from jbclog.report.text import Row, iso_times
 
 __all__ = ["COLUMNS", "JOINTS", "Joints", "joint_facts", "joints_of", "unit_rows"]
 
 UNIT: Final = "unit"
+ROWS_AT_ONCE: Final = 4096
 COLUMNS: Final = (UNIT, *JOINTS_SCHEMA.names)  # of tables/joints.csv
 METRICS: Final[tuple[str, ...]] = (
     *("joints", "joints_kind_not_known", "joints_not_recovered", "recovered_before_next_percent"),
@@ -62,10 +62,13 @@ class Joints:
         """Return the metrics of one port by their names."""
         return {str(row["metric"]): row for row in self.metrics if row["station"] == station and row["port"] == port}
 
-    def rows(self) -> list[Row]:
-        """Return a row for each joint with its unit, for spreadsheets."""
-        plain = self.table.to_pylist()
-        return [{**row, UNIT: unit, **_times(row)} for row, unit in zip(plain, self.units, strict=True)]
+    def rows(self) -> Iterator[Row]:
+        """Yield a row for each joint with its unit, for spreadsheets; a few thousand of them are in memory at once."""
+        table = self.table
+        for name in ("start", "end"):
+            table = table.set_column(table.schema.get_field_index(name), name, iso_times(table[name]))
+        plain = (row for batch in table.to_batches(ROWS_AT_ONCE) for row in batch.to_pylist())
+        return ({**row, UNIT: unit} for row, unit in zip(plain, self.units, strict=True))
 
 
 def joints_of(run: Run) -> Joints:
@@ -135,7 +138,3 @@ def _recovery(joints: Sequence[Recovery]) -> Row:
         "recovery_p50_s": None if middle is None else round(middle, 3),
         "recovery_slowest_s": max(known) if known and not late else None,
     }
-
-
-def _times(row: Mapping[str, object]) -> Row:
-    return {name: iso(moment) for name in ("start", "end") if isinstance(moment := row[name], datetime)}

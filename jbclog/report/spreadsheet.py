@@ -6,7 +6,7 @@ it; numbers stay numbers (`jbclog.core.text`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
 from jbclog.core.text import csv_text
@@ -48,12 +48,14 @@ TABLES: Final[Mapping[str, Sequence[str]]] = {
 """Columns by table; the ledger has one more for each reason that occurs."""
 
 
-def csv_tables(document: Mapping[str, object], joints: Sequence[RowView] = ()) -> dict[str, str]:
+def csv_tables(document: Mapping[str, object], joints: Iterable[RowView] = ()) -> dict[str, str]:
     """Return the text of each table by its name, from the facts as plain data and a row for each joint."""
-    rows = {name: _listed(document.get(name)) for name in ("events", "settings", "counters", "metrics", "units")}
+    rows: dict[str, Iterable[RowView]] = {
+        name: _listed(document.get(name)) for name in ("events", "settings", "counters", "metrics", "units")
+    }
     incidents = _listed(_mapping(document.get("alarms")).get("incidents"))
     rows["alarms"] = [row for incident in incidents for row in _listed(incident["episodes"])]
-    rows["joints"] = [{**row, "unit": _clean(row["unit"])} for row in joints]
+    rows["joints"] = ({**row, "unit": _clean(row["unit"])} for row in joints)
     reasons = [str(reason) for reason in _items(document["ledger_reasons"])]
     rows["ledger"] = [{**row, **_mapping(row["reasons"])} for row in _listed(document["ledger"])]
     rows["rules"] = [_rule(row) for row in _listed(_mapping(document["verdict"])["rules"])]

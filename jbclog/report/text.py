@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from math import floor
 
+import pyarrow as pa
+import pyarrow.compute as pc
+
 from jbclog.core.text import clean, cleaned, number, stamp, together
 
 __all__ = [
@@ -17,6 +20,7 @@ __all__ = [
     "clock",
     "interval",
     "iso",
+    "iso_times",
     "measured",
     "number",
     "stamp",
@@ -32,6 +36,11 @@ RowView = Mapping[str, object]
 def iso(moment: datetime | None) -> str | None:
     """Return ``2026-11-21T01:30:00.123456Z``."""
     return None if moment is None else moment.astimezone(UTC).strftime("%Y-%m-%dT%H:%M:%S.%fZ")
+
+
+def iso_times(times: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Return a column of UTC times as `iso` writes them."""
+    return pc.strftime(times.cast(pa.int64()).cast(pa.timestamp("us")), "%Y-%m-%dT%H:%M:%SZ")
 
 
 def clock(text: str | None, *, with_day: bool = False) -> str:

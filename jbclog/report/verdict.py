@@ -10,6 +10,7 @@ from pathlib import Path
 from jbclog.analysis.rejudge import is_cut_off, judge_again
 from jbclog.analysis.verdict import RULES, Result, Rule, Verdict
 from jbclog.analysis.verdict.rules import CONFIDENCE, JUDGED_BARE
+from jbclog.analysis.verdict.samples import Measuring
 from jbclog.analysis.verdict.versions import is_known
 from jbclog.record.manifest import Manifest
 from jbclog.report.facts import Reason, VerdictFacts
@@ -79,22 +80,22 @@ JUDGED_HERE = "Limits are checked against the recorded part only; the missing pa
 NO_LIMITS = "The recipes state no limits; this is a record, not a release."
 
 
-def verdict_facts(folder: Path, manifest: Manifest) -> VerdictFacts:
-    """Return the verdict with its reasons, the gravest first."""
+def verdict_facts(folder: Path, manifest: Manifest, measuring: Measuring) -> VerdictFacts:
+    """Return the verdict with its reasons, the gravest first; `measuring` reads the samples where it is judged here."""
     if is_cut_off(manifest):
-        return _cut_off(folder, manifest)
+        return _cut_off(folder, manifest, measuring)
     if manifest.verdict is not None:
         rules = [{**EMPTY_RULE, **rule} for rule in manifest.verdict_rules if isinstance(rule, dict)]
         found = _facts(manifest, manifest.verdict, "with the run", rules)
-        found.by_rules, found.by_latest = _of_rules(folder, manifest)
+        found.by_rules, found.by_latest = _of_rules(folder, manifest, measuring)
         return found
-    judgement = judge_again(folder, manifest)
+    judgement = judge_again(folder, manifest, measuring=measuring)
     return _facts(manifest, judgement.verdict.value, "by this report", judgement.rules_as_dicts())
 
 
-def _cut_off(folder: Path, manifest: Manifest) -> VerdictFacts:
+def _cut_off(folder: Path, manifest: Manifest, measuring: Measuring) -> VerdictFacts:
     """Return the verdict that `recover` gave, with the rules judged now on what is there: a cut-off run is never accepted."""
-    judgement = judge_again(folder, manifest)
+    judgement = judge_again(folder, manifest, measuring=measuring)
     lost = [] if manifest.lost is None else [manifest.lost.text]
     judged = judgement.verdict is not Verdict.NOT_JUDGED
     first = Reason("missing", " ".join([CUT_OFF, *lost, *([JUDGED_HERE] if judged else [])]))
@@ -103,13 +104,13 @@ def _cut_off(folder: Path, manifest: Manifest) -> VerdictFacts:
     return replace(found, reasons=[first, *others])
 
 
-def _of_rules(folder: Path, manifest: Manifest) -> tuple[str | None, dict[str, object] | None]:
+def _of_rules(folder: Path, manifest: Manifest, measuring: Measuring) -> tuple[str | None, dict[str, object] | None]:
     """Return the version of the rules of a sealed verdict where it is not the latest, and the verdict of the latest."""
     if manifest.rules == RULES or manifest.verdict in (None, Verdict.NOT_JUDGED):
         return None, None
     if not is_known(manifest.rules):
         return f"Judged by rules {manifest.rules}; this jbclog knows rules 1 to {RULES}.", None
-    judgement = judge_again(folder, manifest, RULES)
+    judgement = judge_again(folder, manifest, RULES, measuring=measuring)
     reasons = [reason.text for reason in _reasons(judgement.verdict, judgement.rules_as_dicts())]
     text = f"Judged by rules {manifest.rules}. By rules {RULES} it would be {judgement.verdict}"
     result = f": {reasons[0]}" if judgement.verdict != manifest.verdict and reasons else ", too."

@@ -180,6 +180,8 @@ def _typical_step(seconds: Floats) -> float:
 
 
 Measures = dict[tuple[str, int], PortMeasure]
+Measuring = Callable[[Path, dict[str, StationFacts], Mapping[str, float], int], Measures]
+"""Measures the ports of stations as `measure` does."""
 Groups = Callable[[str, list[str]], Iterable[pa.Table]]
 
 
@@ -209,6 +211,22 @@ def measure(
         last = None if facts.last_tick is None or not facts.period_s else facts.last_tick * facts.period_s
         port_measure.finish(last)
     return measures
+
+
+class KeptMeasures:
+    """Measures the stations of one sealed run as `measure` does, each once with the same limit and rules."""
+
+    def __init__(self) -> None:
+        self._kept: dict[tuple[str, float, int], Measures] = {}
+
+    def __call__(self, folder: Path, stations: dict[str, StationFacts], within_c: Mapping[str, float], rules: int) -> Measures:
+        """Return the measures of every port of `stations`; those of stations that were asked for before are not computed again."""
+        keys = {name: (name, within_c.get(name, WITHIN_C), rules) for name in stations}
+        lacking = {name: facts for name, facts in stations.items() if keys[name] not in self._kept}
+        found = measure(folder, lacking, within_c, rules) if lacking else {}
+        for name in lacking:
+            self._kept[keys[name]] = {place: one for place, one in found.items() if place[0] == name}
+        return {place: one for key in keys.values() for place, one in self._kept[key].items()}
 
 
 def _new(facts: StationFacts, steps: Sequence[Step], within_c: float, rules: int) -> PortMeasure:

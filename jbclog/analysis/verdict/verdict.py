@@ -38,7 +38,7 @@ from jbclog.analysis.verdict.rules import (
     unused_ports,
     used_ports,
 )
-from jbclog.analysis.verdict.samples import TEMPERATURE, Measures, measure
+from jbclog.analysis.verdict.samples import TEMPERATURE, Measures, Measuring, measure
 from jbclog.analysis.verdict.versions import RULES
 from jbclog.core.rows import StationFacts
 
@@ -63,15 +63,17 @@ class Judgement:
         return [rule.as_dict() for rule in self.rules]
 
 
-def judge(evidence: Evidence, acceptance: Mapping[str, Acceptance | None], by: int = RULES) -> Judgement:
+def judge(
+    evidence: Evidence, acceptance: Mapping[str, Acceptance | None], by: int = RULES, measuring: Measuring = measure
+) -> Judgement:
     """Return the verdict of a sealed run by version `by` of the rules (`versions.py`).
 
-    `acceptance`: station -> the limits of its recipe, None if it states none.
+    `acceptance`: station -> the limits of its recipe, None if it states none. `measuring` reads the samples.
     """
     limits = {name: stated for name, stated in acceptance.items() if stated is not None and asks_for_anything(stated)}
     if not limits:
         return Judgement(Verdict.NOT_JUDGED, ())
-    rules = tuple(_all_rules(evidence, limits, by))
+    rules = tuple(_all_rules(evidence, limits, by, measuring))
     return Judgement(verdict_of(rules), rules)
 
 
@@ -85,10 +87,10 @@ def verdict_of(rules: Sequence[Rule]) -> Verdict:
     return Verdict.WITH_DEVIATIONS if Result.DEVIATION in results else Verdict.ACCEPT
 
 
-def _all_rules(evidence: Evidence, limits: Mapping[str, Acceptance], by: int) -> Iterator[Rule]:
+def _all_rules(evidence: Evidence, limits: Mapping[str, Acceptance], by: int, measuring: Measuring) -> Iterator[Rule]:
     judged = [facts for facts in evidence.stations if facts.name in limits]
     within = {name: one.reached_within_c for name, one in limits.items() if one.reached_within_c is not None}
-    measures = measure(evidence.folder, {facts.name: facts for facts in judged}, within, by)
+    measures = measuring(evidence.folder, {facts.name: facts for facts in judged}, within, by)
     events, outcomes = read_events(evidence.folder), read_outcomes(evidence.folder, counts_lacking=evidence.counts_lacking)
     yield record_rule(evidence)
     yield from goal_rules(evidence)

@@ -155,9 +155,9 @@ class RowGroup:
 def groups_in(footer: bytes) -> tuple[RowGroup, ...]:
     """Parse the row groups of a footer. Raises `NotReadable`.
 
-    A report opens each part several times for each station, so the last few small footers are cached.
+    A report opens each part several times for each station, so the last few small footers are cached, and the last large one.
     """
-    return _kept(footer) if len(footer) <= KEPT_BYTES else _groups_in(footer)
+    return _kept(footer) if len(footer) <= KEPT_BYTES else _last_large(footer)
 
 
 def _groups_in(footer: bytes) -> tuple[RowGroup, ...]:
@@ -176,7 +176,7 @@ def _groups_in(footer: bytes) -> tuple[RowGroup, ...]:
     return tuple(found)
 
 
-_kept = lru_cache(maxsize=KEPT)(_groups_in)
+_kept, _last_large = lru_cache(maxsize=KEPT)(_groups_in), lru_cache(maxsize=1)(_groups_in)
 
 
 def _group(reader: ThriftReader) -> RowGroup:

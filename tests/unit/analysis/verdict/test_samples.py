@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from typing import Any
 
@@ -9,8 +10,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from jbclog.analysis.verdict import Limits, judge
-from jbclog.analysis.verdict.samples import measure
+from jbclog.analysis.verdict import RULES, Limits, judge
+from jbclog.analysis.verdict.samples import KeptMeasures, measure
 
 
 def gap(case: Any, port: int = 1) -> float | None:
@@ -106,3 +107,17 @@ def test_without_a_grid_a_stepped_clock_is_no_gap(
     pq.write_table(table.set_column(0, "time", pa.array(times, pa.timestamp("us", tz="UTC"))), path)
     assert gap(case) == pytest.approx(0.6)
     assert gap(case, 2) == pytest.approx(0.6)
+
+
+def test_stations_are_measured_once_for_the_same_limit_and_rules(case: Any, tip: Callable[..., Any]) -> None:
+    for name in ("a", "b"):
+        case.station(name, tip(1300).lose(601, 4).at(30, 2, 320, 700))
+    facts = {one.name: one for one in case.stations}
+    whole, kept = measure(case.folder, facts), KeptMeasures()
+    assert kept(case.folder, {"a": facts["a"]}, {}, RULES).keys() == {("a", 1)}
+    assert kept(case.folder, facts, {}, RULES) == whole
+    close = kept(case.folder, facts, {"b": 1.0}, RULES)
+    assert close["b", 1].heat.within_c == 1.0
+    shutil.rmtree(case.folder / "samples")
+    assert kept(case.folder, facts, {}, RULES) == whole
+    assert kept(case.folder, facts, {"b": 1.0}, RULES) == close
