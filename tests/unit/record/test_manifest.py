@@ -191,7 +191,8 @@ def test_a_list_that_is_too_long_makes_it_unreadable(tmp_path: Path, why: str) -
 
 def test_a_week_of_units_is_read_and_only_the_first_are_listed(tmp_path: Path) -> None:
     """One each 5 s for a week."""
-    write_manifest(tmp_path, replace(FULL, units=[Unit(f"SN{number}", iso(2)) for number in range(120_960)]))
+    began = iso(2)
+    write_manifest(tmp_path, replace(FULL, units=[Unit(f"SN{number}", began) for number in range(120_960)]))
     manifest = read_manifest(tmp_path)
     shown = replace(manifest.metadata, units=manifest.serials()).said()["units"]
     assert (len(manifest.units), len(shown) < 6000) == (120_960, True)
