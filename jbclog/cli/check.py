@@ -27,28 +27,32 @@ def check(
     """Check a run's integrity.
 
     Recomputes hashes, counts, accounting, the event and annotation chains, and the verdict by the rules of the run's version.
-    Checks the report, and the previous and next run on the same line if they are in the same folder. Prints each difference;
-    exit code 1: at least one. "not covered" names a file that no hash covers. The last line shows the run's fingerprint, to
-    compare with a printed report.
+    Compares what the report repeats of the record (its joints, metrics and figures: report --verify). Checks the previous and next
+    run on the same line if they are in the same folder. Prints each difference; exit code 1: at least one. "not covered" names a
+    file of which something is not compared. The last line shows the run's fingerprint, to compare with a printed report.
 
     \b
     Example:
       jbclog check runs/20261121T013000Z-bench-3-k7qd
     """
     from jbclog.analysis.rejudge import check_verdict
+    from jbclog.record.annotations import REPORT
     from jbclog.record.chains import HEAD, SHOWN, digits, short_head
     from jbclog.record.check import Finding, uncovered
     from jbclog.record.check import check as check_run
     from jbclog.record.manifest import NAME, manifest_sha256, read_manifest
+    from jbclog.report.agreement import compare_report
 
     if head is not None and not HEAD.fullmatch(head):
         raise UsageError(f"--head {head}: give the fingerprint as the report shows it, such as 3f2a-91bc-77de-0a12-5c08-b6e1")
     expect_run(run)
-    found, notes = check_run(run, head), list[str]()
-    if not found:  # a changed record would change the verdict too
-        verdict = check_verdict(run, read_manifest(run))
-        found, notes = [Finding(NAME, text) for text in verdict.differing], verdict.notes
-    bare = [*uncovered(run, head)] if read_manifest(run).state == "sealed" else []
+    found, notes, bare = check_run(run, head), list[str](), list[tuple[str, str]]()
+    if not found:  # a changed record would change the verdict and the report, too
+        verdict, (differing, not_compared) = check_verdict(run, read_manifest(run)), compare_report(run)
+        found = [*(Finding(NAME, text) for text in verdict.differing), *(Finding(REPORT, text) for text in differing)]
+        notes, bare = verdict.notes, [(REPORT, text) for text in not_compared]
+    if read_manifest(run).state == "sealed":
+        bare += uncovered(run, head)
     notes += [f"not covered: {file}: {text}" for file, text in bare]
     if head is not None and digits(head) < SHOWN:
         notes.append(f"--head has {digits(head)} of 64 digits; newer reports show {SHOWN}")

@@ -12,10 +12,11 @@ contains the fingerprint, and would change it.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
+from itertools import accumulate
 from pathlib import Path
 from typing import Final
 
@@ -68,14 +69,15 @@ _read_state: Final = decoder(_OfManifest)
 class Annotations:
     """The readable annotations of a run, and problems of the file (line, sentence).
 
-    `head`: hash of the last annotation, or of the manifest. `links`: hashes of all lines and of the manifest. `report`: hash of the
+    `head`: hash of the last annotation, or of the manifest. `links`: hashes of the manifest and of all lines, each with
+    the number of annotations up to there. `report`: hash of the
     `report.json` written last, if a line vouches for one.
     """
 
     said: list[Annotation] = field(default_factory=list)
     wrong: list[tuple[int, str]] = field(default_factory=list)
     head: str = ""
-    links: frozenset[str] = frozenset()
+    links: Mapping[str, int] = field(default_factory=dict)
     report: str | None = None
 
     def complaints(self) -> list[str]:
@@ -121,18 +123,19 @@ def read(folder: Path, manifest_sha256: str | None = None) -> Annotations:
     try:
         data = read_foreign(folder / NAME, Kind.ANNOTATIONS)
     except FileNotFoundError:
-        return Annotations(head=first, links=frozenset({first}))
+        return Annotations(head=first, links={first: 0})
     except OSError as error:
         raise RecordError(f"{folder / NAME} cannot be read: {error.strerror or error}") from error
     found = chain_in(data, first, _parsed, what="annotation", of_first="the manifest")
     lines = lines_in(data)
     vouching = {link for said, link in zip(found.entries, found.hashes, strict=True) if said.kind == VOUCHED}
     links = [sha256(line) for line in lines]
+    said = {*found.hashes} - vouching
     return Annotations(
         [said for said in found.entries if said.kind != VOUCHED],
         first_faults(found.wrong),
         next((link for link in reversed(links) if link not in vouching), first),
-        frozenset({first, *links}),
+        dict(zip((first, *links), accumulate((link in said for link in links), initial=0), strict=True)),
         next((_report_in(said) for said in reversed(found.entries) if said.kind == VOUCHED), None),
     )
 

@@ -70,8 +70,9 @@ def _of_people(report: Mapping[str, Any], manifest: Manifest, said: Annotations,
         for name in ("operator", "order", "product"):
             yield f"metadata, {name}", given.get(name), getattr(known, name) or None
     given = report.get("annotations")
-    if isinstance(given, list) and report.get("annotations_head", own) in said.links:  # else it is a finding already
-        yield "annotations", given, [asdict(one) for one in said.said[: len(given)]]
+    number = said.links.get(str(report.get("annotations_head", own)))  # None is a finding already
+    if isinstance(given, list) and number is not None:
+        yield "annotations", given, [asdict(one) for one in said.said[:number]]
 
 
 def _of_verdict(verdict: object, manifest: Manifest) -> Iterator[Found]:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, replace
-from datetime import datetime
-from hashlib import sha256
+from dataclasses import asdict
 from math import inf
 from typing import cast
 
@@ -13,7 +11,6 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog import __version__
 from jbclog.analysis.figures.canvas import svg_text
 from jbclog.analysis.figures.from_samples import AIR_COLUMNS as AIR
 from jbclog.analysis.figures.from_samples import STATE_COLUMNS as STATES
@@ -22,35 +19,25 @@ from jbclog.analysis.figures.marks import happenings
 from jbclog.analysis.figures.style import NARROW, WIDE
 from jbclog.analysis.rejudge import is_cut_off, own_version
 from jbclog.analysis.run import Run
-from jbclog.analysis.verdict import RULES, judged_signals
+from jbclog.analysis.verdict import judged_signals
 from jbclog.analysis.verdict.clock_steps import steps_of
 from jbclog.analysis.verdict.samples import KeptMeasures, Measuring
 from jbclog.core.rows import StationFacts
-from jbclog.record.annotations import read as read_annotations
-from jbclog.record.chains import short_head
-from jbclog.record.manifest import Manifest, manifest_sha256
 from jbclog.record.schema import SCHEMAS
 from jbclog.report.alarms import alarm_facts
 from jbclog.report.facts import (
     CROWD,
-    NOT_CLAIMED,
-    NOT_CLAIMED_SHORT,
-    REPRODUCE,
-    SCHEMA,
-    TO_SIGN,
     Facts,
     FigureFacts,
-    Reason,
     StationReport,
     VerdictFacts,
 )
-from jbclog.report.joint_words import jointed, never_back_at
 from jbclog.report.joints import Joints, unit_rows
 from jbclog.report.overview import Overview
 from jbclog.report.ports import Context
+from jbclog.report.repeated import of_run
 from jbclog.report.stations import station_report
-from jbclog.report.tables import by_station, counter_rows, event_rows, ledger_rows, setting_rows
-from jbclog.report.verdict import verdict_facts
+from jbclog.report.verdict import add_reasons, verdict_facts
 from jbclog.report.zoom import share
 
 MOST_ROWS = 200_000  # of several stations at once in memory
@@ -61,63 +48,20 @@ COLUMNS = ("tick", "port", "late_us", "quality", "reasons", "temperature_c", "po
 
 def gather(run: Run, joints: Joints) -> Facts:
     """Return the facts of the report of `run`. Raises `RecordError`."""
-    manifest, folder = run.manifest, run.folder
-    events, settings_left = event_rows(run.events()), setting_rows(run.settings())
-    ledger, reasons = ledger_rows(manifest.ledger)
-    head = manifest_sha256(folder)
+    manifest = run.manifest
     overview = Overview(round((manifest.t0_utc or 0.0) * 1e6))
-    measuring, annotations = KeptMeasures(), read_annotations(folder)
-    verdict = verdict_facts(folder, manifest, measuring)
+    measuring = KeptMeasures()
+    verdict = verdict_facts(run.folder, manifest, measuring)
     stations = list(_stations(run, joints, overview, verdict, measuring))
-    names = [facts.name for facts in manifest.stations]
-    rows = jointed({"stations": [asdict(station) for station in stations]})
-    first = 1 if is_cut_off(manifest) else 0
-    verdict.reasons[first:first] = [Reason("none", text) for text in never_back_at(rows)]
-    if is_cut_off(manifest):
-        verdict.reasons[1:1] = list(_not_made_safe(stations))
+    add_reasons(verdict, [asdict(station) for station in stations], cut_off=is_cut_off(manifest))
     return Facts(
-        schema=SCHEMA,
-        rules=RULES,
-        run=manifest.run,
-        manifest_sha256=head,
-        head=short_head(head),
-        previous=_previous(manifest),
-        jbclog=__version__,
         verdict=verdict,
-        state=manifest.state,
-        exit_status=manifest.exit_status,
-        exit_code=manifest.exit_code,
-        lost=None if manifest.lost is None else manifest.lost.text,
-        started=manifest.started,
-        ended=manifest.ended,
-        duration_s=_duration_s(manifest),
-        rate=_rate(manifest),
-        guard=manifest.guard,
-        line={} if manifest.line is None else asdict(manifest.line),
-        recipes=[asdict(recipe) for recipe in manifest.recipes],
-        metadata=_metadata(manifest),
-        host=dict(manifest.host),
         overview=_overview(overview),
         stations=stations,
         alarms=alarm_facts(run),
         units=unit_rows(joints),
         metrics=joints.metrics,
-        events=events[0],
-        events_left=events[1],
-        settings=by_station(settings_left[0], names),
-        settings_left=settings_left[1],
-        counters=by_station(counter_rows(run.counters()), names),
-        ledger=by_station(ledger, names),
-        ledger_reasons=reasons,
-        files=[asdict(file) for file in manifest.files],
-        data_sha256=_data_sha256(manifest),
-        annotations=[asdict(one) for one in annotations.said],
-        annotations_head=annotations.head,
-        annotations_wrong=annotations.complaints(),
-        not_claimed=list(NOT_CLAIMED),
-        not_claimed_short=list(NOT_CLAIMED_SHORT),
-        to_sign=[dict(one) for one in TO_SIGN],
-        reproduce=REPRODUCE,
+        **of_run(run),
     )
 
 
@@ -192,52 +136,3 @@ def _overview(overview: Overview) -> FigureFacts | None:
         return None
     text, (wide, narrow) = overview.caption, (svg_text(overview.draw(form)) for form in (WIDE, NARROW))
     return FigureFacts("figures/overview.svg", text, f"Overview of the run. {text}", wide, narrow)
-
-
-def _not_made_safe(stations: list[StationReport]) -> Iterator[Reason]:
-    """Yield a sentence for each tool that may still be hot: after a crash the operator has had no message."""
-    for station in stations:
-        for port in station.ports:
-            if port.left_warns:
-                yield Reason("fail", f"{station.name} port {port.port}: {port.left}.")
-
-
-def _previous(manifest: Manifest) -> str:
-    """Return the previous run with its fingerprint, or why there is none."""
-    found = manifest.previous
-    if found is None:
-        return "not known"
-    return f"{found.run} (fingerprint {short_head(found.sha256)})" if found.run and found.sha256 else found.text
-
-
-def _metadata(manifest: Manifest) -> dict[str, object]:
-    """Return the metadata of the run that people entered."""
-    return {**replace(manifest.metadata, units=manifest.serials()).said()}
-
-
-def _data_sha256(manifest: Manifest) -> str:
-    lines = (f"{file.sha256}  {file.path}\n" for file in sorted(manifest.files, key=lambda file: file.path))
-    return sha256("".join(lines).encode()).hexdigest()
-
-
-def _duration_s(manifest: Manifest) -> float | None:
-    if manifest.started is None or manifest.ended is None:
-        return None
-    return (datetime.fromisoformat(manifest.ended) - datetime.fromisoformat(manifest.started)).total_seconds()
-
-
-def _rate(manifest: Manifest) -> str:
-    """Return the requested rate, and the actual rate of each station where it is recorded."""
-    if isinstance(manifest.rate, float):
-        return f"{manifest.rate:g} Hz"
-    known = {facts.name: facts for facts in manifest.stations if facts.asked_rate is not None}
-    if not known:  # a record of release 1
-        return str(manifest.rate or "not known")
-    texts = {name: _rate_of(facts) for name, facts in known.items()}
-    return next(iter(texts.values())) if len({*texts.values()}) == 1 else "; ".join(f"{name} {texts[name]}" for name in texts)
-
-
-def _rate_of(facts: StationFacts) -> str:
-    if isinstance(facts.asked_rate, float):
-        return f"{facts.asked_rate:g} Hz"
-    return str(facts.asked_rate) if facts.rate_hz is None else f"{facts.rate_hz:g} Hz ({facts.asked_rate})"

@@ -33,18 +33,17 @@ from jbclog.analysis.run_joints import spans_of
 from jbclog.analysis.verdict import PortMeasure, judged_signals
 from jbclog.analysis.verdict.clock_steps import Step
 from jbclog.core.rows import StationFacts, TipCheck
+from jbclog.record.manifest import Ledger
 from jbclog.report.captions import caption, closer, closer_caption, description
 from jbclog.report.facts import AirFacts, FigureFacts, PortFacts, PowerFacts, RecordedFacts, StatesFacts, TipFacts
 from jbclog.report.joints import Joints, joint_facts
 from jbclog.report.overview import Overview
-from jbclog.report.safety import end_state, verification_facts
+from jbclog.report.repeated import PortRows, due_readings, of_port, verification
 from jbclog.report.text import clean, iso
 from jbclog.report.zoom import MOST_READINGS, zoom_of
 
 MOST_GAPS = 50
 ENERGIES = ("energy_permille_s", "energy_recorded_permille_s", "energy_j")
-
-PortLedger = Mapping[str, Mapping[str, int]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +54,7 @@ class Context:
     happenings: list[Happening]
     settings: pd.DataFrame
     measures: Mapping[tuple[str, int], PortMeasure]
-    ledger: Mapping[str, Mapping[str, PortLedger]]
+    ledger: Ledger
     cut_off: bool
     steps: tuple[Step, ...]
     overview: Overview
@@ -76,16 +75,13 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
         joints=spans_of(context.joints.of_port(facts.name, port)),
     )
     measure = context.measures.get((facts.name, port))
-    ledger = context.ledger.get(facts.name, {}).get(str(port), {})
-    celsius, status = facts.last_temperature_c.get(port, _last(drawn.temperature)), _last_word(rows["status"])
-    how, recorded = end_state(facts, port, celsius, status, context.cut_off), _recorded(rows, drawn, measure, ledger, signals)
+    recorded = _recorded(rows, drawn, measure, due_readings(context.ledger, facts, port))
     if len(rows):
         context.overview.add(clean(f"{facts.name} · {port}"), drawn, recorded.coverage_percent, _cold(drawn, measure))
-    check, has_tip = context.checks.get((facts.name, port)), not drawn.states and drawn.air is None
+    has_tip = not drawn.states and drawn.air is None
+    seen = PortRows(len(rows), _last(drawn.temperature), _last_word(rows["status"]))
     figures = _figures(file, f"{facts.name}, port {port}", drawn, context) if len(rows) else []
     return PortFacts(
-        port=port,
-        tool=facts.tools.get(port),
         recorded=recorded,
         tip=_tip(drawn, measure),
         power=_power(drawn, context.joints.metrics_of(facts.name, port)),
@@ -93,16 +89,10 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
         air=None if drawn.air is None else _air_facts(drawn.air),
         alarms=sum(mark.kind is MarkKind.ALARM for mark in drawn.marks),
         doubtful_alarms=sum(mark.kind is MarkKind.UNCONFIRMED for mark in drawn.marks),
-        safe_state=facts.safe_state.get(port),
-        touched=port in facts.touched,
-        last_temperature_c=celsius,
-        last_status=status,
-        left=how.word,
-        left_means=how.meaning,
-        left_warns=how.warn,
         figures=figures,
         joints=joint_facts(context.joints, facts.name, port, file, crowded=context.crowded) if has_tip else None,
-        verification=verification_facts(check, context.rules, facts.name, port) if has_tip or check is not None else None,
+        verification=verification(facts, port, context.checks.get((facts.name, port)), context.rules),
+        **of_port(facts, port, seen, cut_off=context.cut_off),
     )
 
 
@@ -138,10 +128,7 @@ def _air_facts(air: Air) -> AirFacts:
     )
 
 
-def _recorded(
-    rows: pd.DataFrame, drawn: Trace, measure: PortMeasure | None, ledger: PortLedger, signals: list[str]
-) -> RecordedFacts:
-    due = sum(ledger.get(signal, {}).get("due", 0) for signal in signals)
+def _recorded(rows: pd.DataFrame, drawn: Trace, measure: PortMeasure | None, due: int) -> RecordedFacts:
     readings = 0 if measure is None else measure.readings
     late_us = rows["late_us"].dropna().to_numpy(dtype=np.float64)
     longest = sorted(drawn.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start))[:MOST_GAPS]

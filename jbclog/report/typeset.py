@@ -11,7 +11,6 @@ import struct
 from collections.abc import Mapping
 from datetime import datetime
 from functools import cache
-from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from typing import Final
@@ -42,11 +41,6 @@ def pdf_of(data: Mapping[str, object], dated: datetime) -> bytes:
 
 
 @cache
-def typesetter() -> str:
-    """Return the name and version of what sets the paper: another version may give other bytes."""
-    return f"typst {version('typst')}"
-
-
 def drawable(text: str) -> str:
     """Return the text with `LACKING` for each letter that the fonts lack."""
     lacking = () if text.isascii() else set(text) - _letters()

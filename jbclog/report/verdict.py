@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from jbclog.analysis.verdict.samples import Measuring
 from jbclog.analysis.verdict.versions import is_known
 from jbclog.record.manifest import Manifest
 from jbclog.report.facts import Reason, VerdictFacts
+from jbclog.report.joint_words import jointed, never_back_at
 from jbclog.report.text import RowView
 
 NOT_APPLICABLE = "not applicable"
@@ -102,6 +103,23 @@ def _cut_off(folder: Path, manifest: Manifest, measuring: Measuring) -> VerdictF
     found = _facts(manifest, manifest.verdict or judgement.verdict.value, "by recovery", judgement.rules_as_dicts())
     others = [reason for reason in found.reasons if reason.text not in lost]
     return replace(found, reasons=[first, *others])
+
+
+def add_reasons(verdict: VerdictFacts, stations: Sequence[RowView], *, cut_off: bool) -> None:
+    """Add a sentence for each port without recovery and, after a crash, for each tool that may still be hot."""
+    first = 1 if cut_off else 0
+    verdict.reasons[first:first] = [Reason("none", text) for text in never_back_at(jointed({"stations": stations}))]
+    if cut_off:  # the operator has had no message
+        verdict.reasons[1:1] = _not_made_safe(stations)
+
+
+def _not_made_safe(stations: Sequence[RowView]) -> list[Reason]:
+    ports = [(station["name"], port) for station in stations for port in _rows(station["ports"])]
+    return [Reason("fail", f"{name} port {port['port']}: {port['left']}.") for name, port in ports if port["left_warns"]]
+
+
+def _rows(value: object) -> list[RowView]:
+    return [row for row in value if isinstance(row, Mapping)] if isinstance(value, list) else []
 
 
 def _of_rules(folder: Path, manifest: Manifest, measuring: Measuring) -> tuple[str | None, dict[str, object] | None]:

@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 
-from jbclog.analysis.figures.canvas import drawn_by
 from jbclog.analysis.run import open_run
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
@@ -23,11 +22,11 @@ from jbclog.record.folder import expect_no_links
 from jbclog.report.facts import Facts, FigureFacts
 from jbclog.report.gather import gather
 from jbclog.report.joints import JOINTS, joints_of
+from jbclog.report.maker import tools
 from jbclog.report.page import render
 from jbclog.report.paper import report_pdf
 from jbclog.report.spreadsheet import csv_tables
 from jbclog.report.text import cleaned
-from jbclog.report.typeset import typesetter
 
 DRAWINGS = ("wide", "narrow", "zoom")
 PAGE, DATA, PAPER, TABLES = "report.html", "report.json", "report.pdf", "tables"
@@ -102,11 +101,6 @@ def _without_drawings(value: object) -> object:
         is_figure = {"file", "wide", "narrow"} <= value.keys()
         return {key: _without_drawings(one) for key, one in value.items() if not (is_figure and key in DRAWINGS)}
     return [_without_drawings(one) for one in value] if isinstance(value, list) else value
-
-
-def tools() -> dict[str, str]:
-    """Return what sets the paper and draws the figures, by its key in `report.json`."""
-    return {"paper_by": typesetter(), "drawn_by": drawn_by()}
 
 
 def _write(path: Path, content: bytes) -> None:

@@ -13,7 +13,7 @@ from importlib.resources import files
 from io import StringIO
 from typing import Any, Final
 
-from matplotlib import __version__, rc_context, rc_params_from_file, rcParams
+from matplotlib import rc_context, rc_params_from_file, rcParams
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
@@ -44,11 +44,6 @@ def styled() -> AbstractContextManager[None]:
 def _style() -> dict[Any, Any]:
     values = rc_params_from_file(str(files("jbclog.analysis.figures") / STYLE))
     return {name: value for name, value in values.items() if not name.startswith(NOT_OURS)}
-
-
-def drawn_by() -> str:
-    """Return the name and version of the drawing library: another version may give other bytes."""
-    return f"matplotlib {__version__}"
 
 
 def new_figure(width_pt: float, height_pt: float, dpi: float = 72) -> Figure:

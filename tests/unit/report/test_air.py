@@ -18,6 +18,7 @@ from jbclog.analysis.verdict import Evidence, Limits, judge
 from jbclog.core.rows import StationFacts
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.record.ledger import ledger_of
+from jbclog.report.agreement import compare_report
 from jbclog.report.verify import verify_report
 from jbclog.report.write import write_report
 from support.readers.drawn import artists, corners, panel, texts
@@ -128,6 +129,7 @@ def test_the_page_speaks_of_air_and_not_of_tips_and_alarms(folder: Path) -> None
 
 def test_its_twin_holds_the_figures(folder: Path) -> None:
     write_report(folder)
+    assert compare_report(folder) == ([], [])
     port = json.loads((folder / "report.json").read_text("utf-8"))["stations"][0]["ports"][0]
     assert port["air"] == {"flow_permille": 400.0, "external_least_c": 60.0, "external_greatest_c": 160.0, "suctions": 2}
     assert port["tip"]["greatest_c"] == 320.0

@@ -21,7 +21,8 @@ from jbclog.analysis.figures import style
 from jbclog.core.text import clean
 from jbclog.record.annotations import append
 from jbclog.record.manifest import Metadata
-from jbclog.report.typeset import FONTS, LACKING, LACKING_MEANS, drawable, typesetter
+from jbclog.report.maker import tools
+from jbclog.report.typeset import FONTS, LACKING, LACKING_MEANS, drawable
 from jbclog.report.verify import verified
 from jbclog.report.write import write_report
 from support.readers.pdf_read import faults, page_texts
@@ -223,15 +224,15 @@ def test_who_signs_has_the_verdict_its_rules_and_the_places_on_the_first_sheet(t
 @pytest.mark.parametrize(
     ("tool", "made_by", "names"),
     [
-        ("typesetter", "typst 0.1.0", 1),
-        ("typesetter", typesetter(), 0),
+        ("paper_by", "typst 0.1.0", 1),
+        ("paper_by", tools()["paper_by"], 0),
         ("drawn_by", "matplotlib 3.0.0", 1),
     ],
 )
 def test_a_report_of_other_tools_is_compared_by_its_hashes(tmp_path: Path, tool: str, made_by: str, names: int) -> None:
     run = seal(tmp_path, [station(rows=300)], table(samples(300)))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(f"jbclog.report.write.{tool}", lambda: made_by)
+        patch.setattr("jbclog.report.write.tools", lambda: {**tools(), tool: made_by})
         write_report(run)
     held = verified(run)
     assert held.differing == []

@@ -21,6 +21,7 @@ from jbclog.core.text import clean
 from jbclog.record.chains import short_head
 from jbclog.record.check import check
 from jbclog.record.manifest import LineFile, Lost, Metadata, read_manifest, write_manifest
+from jbclog.report.agreement import compare_report
 from jbclog.report.page import SCRIPTS
 from jbclog.report.verdict import without_urls
 from jbclog.report.verify import verify_report
@@ -72,6 +73,7 @@ class Page(HTMLParser):
 
 def report(folder: Path) -> tuple[Page, dict[str, Any]]:
     assert write_report(folder) == folder / "report.html"
+    assert compare_report(folder) == ([], [])
     return read(folder)
 
 
