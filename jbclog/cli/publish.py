@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import time
 from collections.abc import Iterable
 from dataclasses import asdict
@@ -15,13 +16,14 @@ from jbclog.cli.options import NO_FOLDER, is_folder
 from jbclog.cli.output import echo, echo_json, note, reports_errors
 from jbclog.core.errors import UsageError
 from jbclog.core.outcome import Exit
+from jbclog.transport.signals import Signals
 
 if TYPE_CHECKING:
-    from jbclog.app.publish.folder import Follower, Skipped
+    from jbclog.app.publish.folder import Skipped
+    from jbclog.app.publish.follow import Follower, Trouble
     from jbclog.app.publish.publisher import Outcome
 
 NICENESS: Final = 10
-LOOK_EVERY_S: Final = 5.0
 
 
 @reports_errors
@@ -36,7 +38,8 @@ def publish(
     The store is a set of Delta Lake tables, which pandas, DuckDB, Polars and Spark read without jbclog. A run is checked first, and
     published once and whole: publishing it again changes nothing; after an annotation it adds a version. Several computers may
     publish at the same time. Refuses a place where one could overwrite another's commit. Credentials of S3 come from the
-    environment (AWS_ACCESS_KEY_ID and others). Exit code 4: a run was refused.
+    environment (AWS_ACCESS_KEY_ID and others). Exit code 4: a run was refused, or the store is away. With --follow a store that
+    goes away is tried again until it is back.
 
     \b
     Example:
@@ -48,7 +51,8 @@ def publish(
 
     place = place_of(store)
     expect_library()
-    from jbclog.app.publish.folder import Follower, publish_all
+    from jbclog.app.publish.folder import publish_all
+    from jbclog.app.publish.follow import Follower
     from jbclog.app.publish.publisher import Publisher
 
     os.nice(NICENESS)  # where the processors are busy, the recorder comes first
@@ -61,22 +65,34 @@ def publish(
 
 
 def _follow(follower: Follower, *, as_json: bool) -> None:
-    """Publish until SIGINT, which is the normal end."""
-    note("publishing what is sealed; Ctrl-C ends it")
-    try:
-        while True:
-            _print(follower.poll(), as_json=as_json)
-            time.sleep(LOOK_EVERY_S)
-    except KeyboardInterrupt:
-        raise typer.Exit(Exit.FINE) from None
+    """Publish until SIGINT, which is the normal end, or SIGTERM."""
+    ended: list[signal.Signals] = []
+
+    def end(number: signal.Signals) -> None:
+        ended.append(number)
+        raise KeyboardInterrupt
+
+    with Signals((signal.SIGINT, signal.SIGTERM)) as signals:
+        try:
+            signals.notify(end)
+            note("publishing what is sealed; Ctrl-C ends it")
+            while True:
+                _print(follower.poll(), as_json=as_json)
+                time.sleep(follower.pause_s)
+        except KeyboardInterrupt:
+            raise typer.Exit(Exit.TERMINATED if signal.SIGTERM in ended else Exit.FINE) from None
 
 
-def _print(those: Iterable[Outcome | Skipped], *, as_json: bool) -> int:
+def _print(those: Iterable[Outcome | Skipped | Trouble], *, as_json: bool) -> int:
     """Print what became of each run; return how many were refused."""
     from jbclog.app.publish.folder import Skipped
+    from jbclog.app.publish.follow import Trouble
 
     refused = 0
     for one in those:
+        if isinstance(one, Trouble):
+            note(str(one))
+            continue
         if isinstance(one, Skipped):
             refused += not one.is_open
             note(str(one))

@@ -27,6 +27,7 @@
     ├── StartRefused                exit 3: the station, the recipe or the rate does not fit
     ├── WriteForbidden              a write that the run does not allow; it was not sent
     ├── RecordError                 exit 4: the record is, or would become, incomplete
+    │   └── StoreError              a plant's store cannot be read or written, whichever run it is about
     └── Unsafe                      exit 5: a tool is not in its safe state
 
 Alarms and faults *of a station* are rows in `events`, not errors.
@@ -211,6 +212,10 @@ class RecordError(JbclogError):
     """The record is, or would become, incomplete."""
 
     exit_code = 4
+
+
+class StoreError(RecordError):
+    """A plant's store cannot be read or written; that is no fault of the run that is published or read."""
 
 
 class Unsafe(JbclogError):

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Final
 import pyarrow as pa
 import pyarrow.fs as pf
 
-from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.errors import StoreError, UsageError
 from jbclog.core.foreign.files import expect_answer
 from jbclog.core.text import clean, shortened
 from jbclog.record.folder import RUN_NAME
@@ -87,7 +87,7 @@ class Place:
         return f"{self.url.rstrip('/')}/{name}"
 
     def table(self, name: str) -> DeltaTable:
-        """Open the newest version of a table. Raises `RecordError`."""
+        """Open the newest version of a table. Raises `StoreError`."""
         from deltalake import DeltaTable
         from deltalake.exceptions import TableNotFoundError
 
@@ -95,7 +95,7 @@ class Place:
             try:
                 return DeltaTable(self.of(name), storage_options=self.options)
             except TableNotFoundError:
-                raise RecordError(f"{self.url}: its table {name} is missing; this is no store, or a damaged one") from None
+                raise StoreError(f"{self.url}: its table {name} is missing; this is no store, or a damaged one") from None
 
     def files(self) -> pf.FileSystem:
         """Return the store as a file system, in which names are relative to it."""
@@ -106,13 +106,13 @@ class Place:
         return pf.SubTreeFileSystem(self.url, pf.LocalFileSystem())
 
     def listed(self, folder: str) -> list[FileThere]:
-        """Return all files below a folder of the store; none where it is missing. Raises `RecordError`."""
+        """Return all files below a folder of the store; none where it is missing. Raises `StoreError`."""
         with explained(self.url):
             found = self.files().get_file_info(pf.FileSelector(folder, allow_not_found=True, recursive=True))
         return [FileThere(one.path, one.size, one.mtime) for one in found if one.type == pf.FileType.File]
 
     def remove(self, folder: str) -> None:
-        """Remove a folder of the store, if it is there. Raises `RecordError`."""
+        """Remove a folder of the store, if it is there. Raises `StoreError`."""
         with explained(self.url):
             files = self.files()
             if files.get_file_info(pf.FileSelector(folder, allow_not_found=True)):
@@ -161,14 +161,14 @@ def expect_library() -> None:
 
 @contextmanager
 def explained(url: str) -> Iterator[None]:
-    """Turn the errors of the library into a `RecordError` of one line."""
+    """Turn the errors of the library into a `StoreError` of one line."""
     from deltalake.exceptions import DeltaError
 
     try:
         yield
     except (DeltaError, OSError, pa.ArrowException, ValueError) as error:
         text = one_line(error)
-        raise RecordError(f"{url}: {text}{CREDENTIALS if REFUSED.search(text) and S3.match(url) else ''}") from error
+        raise StoreError(f"{url}: {text}{CREDENTIALS if REFUSED.search(text) and S3.match(url) else ''}") from error
 
 
 def one_line(error: BaseException) -> str:

@@ -23,7 +23,7 @@ import pyarrow.fs as pf
 from jbclog.analysis.store.identity import Identity
 from jbclog.analysis.store.place import Place, expect_library, explained, one_line
 from jbclog.analysis.store.schema import DATA, OWN, PROPERTY, RECORD, RUNS, SCHEMA
-from jbclog.core.errors import RecordError
+from jbclog.core.errors import RecordError, StoreError
 from jbclog.record.find_runs import ALL, SEALED, Filter, Found
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ def opened(place: Place, name: str) -> DeltaTable:
     table = place.table(name)
     written = table.metadata().configuration.get(PROPERTY, "")
     if not written.isdecimal() or int(written) > SCHEMA:
-        raise RecordError(f"{place}: {name} is written with schema {written or '(none)'}; this jbclog knows {SCHEMA}. Upgrade it")
+        raise StoreError(f"{place}: {name} is written with schema {written or '(none)'}; this jbclog knows {SCHEMA}. Upgrade it")
     return table
 
 

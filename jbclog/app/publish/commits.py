@@ -21,7 +21,7 @@ import pyarrow as pa
 from jbclog.analysis.store.place import Place, explained, one_line
 from jbclog.analysis.store.reader import opened
 from jbclog.analysis.store.schema import PARTITIONS, PROPERTY, RUNS, SCHEMA, TABLES, schema_of
-from jbclog.core.errors import RecordError
+from jbclog.core.errors import StoreError
 
 if TYPE_CHECKING:
     from deltalake import CommitProperties, DeltaTable, WriterProperties
@@ -35,7 +35,7 @@ CONFIGURATION: Final = {PROPERTY: str(SCHEMA)}
 
 
 def create_tables(place: Place) -> None:
-    """Create what is missing of the tables. Raises `RecordError`, also for a store of a newer jbclog."""
+    """Create what is missing of the tables. Raises `StoreError`, also for a store of a newer jbclog."""
     from deltalake import DeltaTable
 
     for name in TABLES:
@@ -63,7 +63,10 @@ def _create(place: Place, name: str) -> None:
 
 
 def append(place: Place, name: str, publication: str, rows: Callable[[], Iterator[pa.RecordBatch]]) -> int:
-    """Commit the rows to a table and return their number; no more than some row groups are in memory. Raises `RecordError`."""
+    """Commit the rows to a table and return their number; no more than some row groups are in memory.
+
+    Raises `StoreError`, and whatever the rows raise.
+    """
     from deltalake import write_deltalake
 
     for _ in range(TRIES):
@@ -73,36 +76,49 @@ def append(place: Place, name: str, publication: str, rows: Callable[[], Iterato
             return 0
         reader = pa.RecordBatchReader.from_batches(schema_of(name), chain([first], counted))
         table = opened(place, name)
-        if committed(
-            place,
-            lambda table=table, reader=reader: write_deltalake(  # type: ignore[misc]  # of this turn of the loop
-                table,
-                reader,
-                mode="append",
-                schema_mode="merge",
-                writer_properties=writer(),
-                commit_properties=properties(publication=publication),
-            ),
-        ):
+        try:
+            is_done = committed(
+                place,
+                lambda table=table, reader=reader: write_deltalake(  # type: ignore[misc]  # of this turn of the loop
+                    table,
+                    reader,
+                    mode="append",
+                    schema_mode="merge",
+                    writer_properties=writer(),
+                    commit_properties=properties(publication=publication),
+                ),
+            )
+        except Exception:
+            if counted.error is not None:
+                raise counted.error from None
+            raise
+        if is_done:
             return counted.rows
-    raise RecordError(f"{place}: {name} changed too often; publish again")
+    raise StoreError(f"{place}: {name} changed too often; publish again")
 
 
 class _Counted(Iterator[pa.RecordBatch]):
-    """Counts the rows that pass."""
+    """Counts the rows that pass, and keeps the error of the run that they come from: the library would make it one of the store."""
 
     def __init__(self, batches: Iterator[pa.RecordBatch]) -> None:
         self._batches = batches
         self.rows = 0
+        self.error: BaseException | None = None
 
     def __next__(self) -> pa.RecordBatch:
-        batch = next(self._batches)
+        try:
+            batch = next(self._batches)
+        except StopIteration:
+            raise
+        except BaseException as error:
+            self.error = error
+            raise
         self.rows += batch.num_rows
         return batch
 
 
 def commit_run(place: Place, publication: str, row: Callable[[DeltaTable], pa.Table | None]) -> bool:
-    """Commit to `runs` the row that `row` decides on from the table as it is; False if it decides on none. Raises `RecordError`."""
+    """Commit to `runs` the row that `row` decides on from the table as it is; False if it decides on none. Raises `StoreError`."""
     from deltalake import write_deltalake
 
     for _ in range(TRIES):
@@ -119,11 +135,11 @@ def commit_run(place: Place, publication: str, row: Callable[[DeltaTable], pa.Ta
             ),
         ):
             return True
-    raise RecordError(f"{place}: {RUNS} changed too often; publish again")
+    raise StoreError(f"{place}: {RUNS} changed too often; publish again")
 
 
 def fence(place: Place, publications: Callable[[DeltaTable], Iterable[str]]) -> list[str]:
-    """Commit to `runs` that what `publications` decides on will be removed; return it. Raises `RecordError`."""
+    """Commit to `runs` that what `publications` decides on will be removed; return it. Raises `StoreError`."""
     for _ in range(TRIES):
         runs = opened(place, RUNS)
         chosen = sorted(publications(runs))
@@ -137,17 +153,17 @@ def fence(place: Place, publications: Callable[[DeltaTable], Iterable[str]]) -> 
             ),
         ):
             return chosen
-    raise RecordError(f"{place}: {RUNS} changed too often; nothing was removed. Check again")
+    raise StoreError(f"{place}: {RUNS} changed too often; nothing was removed. Check again")
 
 
 def expect_not_fenced(place: Place, runs: DeltaTable, publication: str) -> None:
-    """Raise `RecordError` if `store check` took this publication for one that was interrupted."""
+    """Raise `StoreError` if `store check` took this publication for one that was interrupted."""
     if runs.transaction_version(f"{FENCE}{publication}") is not None:
-        raise RecordError(f"{place}: `store check` removed what was written so far, as of an interrupted publisher; publish again")
+        raise StoreError(f"{place}: `store check` removed what was written so far, as of an interrupted publisher; publish again")
 
 
 def remove(place: Place, name: str, publication: str) -> None:
-    """Remove the rows of a publication from a table; its files stay until `store vacuum`. Raises `RecordError`."""
+    """Remove the rows of a publication from a table; its files stay until `store vacuum`. Raises `StoreError`."""
     for _ in range(TRIES):
         table = opened(place, name)
         done = properties(removed=publication)
@@ -156,7 +172,7 @@ def remove(place: Place, name: str, publication: str) -> None:
             lambda table=table, done=done: table.delete(f"publication = '{publication}'", commit_properties=done),  # type: ignore[misc]
         ):
             return
-    raise RecordError(f"{place}: {name} changed too often; check again")
+    raise StoreError(f"{place}: {name} changed too often; check again")
 
 
 def _turn(runs: DeltaTable) -> tuple[str, int]:
@@ -179,7 +195,7 @@ def writer() -> WriterProperties:
 
 
 def committed(place: Place, commit: Callable[[], object]) -> bool:
-    """Whether the commit was made; False, after a pause, if another one came before. Raises `RecordError`."""
+    """Whether the commit was made; False, after a pause, if another one came before. Raises `StoreError`."""
     from deltalake.exceptions import CommitFailedError
 
     with explained(place.url):

@@ -13,6 +13,7 @@ import secrets
 import socket
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -21,6 +22,8 @@ from typing import TYPE_CHECKING, Any, Final
 import pyarrow as pa
 
 from jbclog.analysis.store.place import Place, explained
+from jbclog.analysis.store.schema import RUNS
+from jbclog.core.errors import StoreError
 from jbclog.core.foreign.json_reader import json_of
 from jbclog.core.locks import boot_id
 from jbclog.core.text import clean, shortened
@@ -82,15 +85,16 @@ class Lease:
     """A publisher's own lease. `publisher` is its name; `new_publication` gives names to what it publishes."""
 
     def __init__(self, place: Place) -> None:
-        from deltalake import DeltaTable
-
         self.publisher = secrets.token_hex(6)
         self._place, self._count, self._renewed = place, 0, time.monotonic()
-        description = json.dumps(asdict(Holder(socket.gethostname(), boot_id(), os.getpid())))
         with explained(place.url):
-            self._table: DeltaTable = DeltaTable.create(
-                place.of(self._name), SCHEMA, description=description, storage_options=place.options
-            )
+            self._table = self._made()
+
+    def _made(self) -> DeltaTable:
+        from deltalake import DeltaTable
+
+        said = json.dumps(asdict(Holder(socket.gethostname(), boot_id(), os.getpid())))
+        return DeltaTable.create(self._place.of(self._name), SCHEMA, description=said, storage_options=self._place.options)
 
     @property
     def _name(self) -> str:
@@ -102,16 +106,29 @@ class Lease:
         return f"{self.publisher}-{self._count}"
 
     def renew(self) -> None:
-        """Show that the publisher works, at most once a minute."""
+        """Show that the publisher works, at most once a minute. That it cannot is no error: nothing depends on a lease."""
         if time.monotonic() - self._renewed < RENEWED_S:
             return
-        with explained(self._place.url):
-            self._table.create_write_transaction([], "append", SCHEMA)
         self._renewed = time.monotonic()
+        with suppress(StoreError), explained(self._place.url):
+            self._renew()
+
+    def _renew(self) -> None:
+        """Commit to the lease; make it anew if it was swept away. Where the whole store is gone, as a share is, make nothing."""
+        if self._is_table(self._name):
+            self._table.create_write_transaction([], "append", SCHEMA)
+        elif self._is_table(RUNS):
+            self._table = self._made()
+
+    def _is_table(self, name: str) -> bool:
+        from deltalake import DeltaTable
+
+        return DeltaTable.is_deltatable(self._place.of(name), storage_options=self._place.options)
 
     def release(self) -> None:
-        """Remove the lease."""
-        self._place.remove(self._name)
+        """Remove the lease, if the store can be written; otherwise it ends by itself."""
+        with suppress(StoreError):
+            self._place.remove(self._name)
 
 
 def leases(place: Place) -> Iterator[Found]:

@@ -21,12 +21,13 @@ from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.store.contents import partition_of, rows_of, run_row, small_files, stamped
 from jbclog.analysis.store.identity import Identity, Step, identity_of
 from jbclog.analysis.store.place import Place, expect_library
-from jbclog.analysis.store.reader import Published, Store
-from jbclog.analysis.store.schema import DATA, FINDINGS
+from jbclog.analysis.store.reader import Published, Store, opened
+from jbclog.analysis.store.schema import DATA, FINDINGS, RUNS
 from jbclog.app.publish.commits import append, commit_run, create_tables, remove
 from jbclog.app.publish.lease import Lease
+from jbclog.app.publish.leftovers import swept
 from jbclog.app.publish.safe_place import expect_safe
-from jbclog.core.errors import RecordError
+from jbclog.core.errors import RecordError, StoreError
 from jbclog.record.check import check
 from jbclog.record.find_runs import Found, summary_of
 from jbclog.record.manifest import read_manifest
@@ -72,6 +73,7 @@ class Publisher(AbstractContextManager["Publisher"]):
         expect_safe(place)
         self.place = place
         self._lease = Lease(place)
+        self._left: dict[str, set[str]] = {}
         create_tables(place)
         self._seen = {one.identity.run: one for one in Store(place).runs()}
 
@@ -79,19 +81,28 @@ class Publisher(AbstractContextManager["Publisher"]):
         return self
 
     def __exit__(self, *_: object) -> None:
+        with suppress(StoreError):
+            self._sweep()
         self._lease.release()
 
     def publish(self, folder: Path) -> Outcome:
-        """Publish the sealed run in `folder`. Raises `RecordError` for a run that is not sealed, not whole, or another one."""
+        """Publish the sealed run in `folder`.
+
+        Raises `RecordError` for a run that is not sealed, not whole, or another one; `StoreError` where the store is away.
+        """
         for _ in range(TRIES):
             identity = identity_of(folder)
             known, step = self._known(identity)
             if known is not None and step in DONE:
                 return Outcome(identity.run, DONE[step], known.version)
             expect_whole(folder)
+            self._sweep()
             writing = _Writing(self.place, self._lease, open_run(folder), _summary(folder), identity)
-            found = writing.publish(known if step is Step.FINDINGS else None)
-            self._seen.pop(identity.run, None)
+            try:
+                found = writing.publish(known if step is Step.FINDINGS else None)
+            finally:
+                self._left |= writing.left
+                self._seen.pop(identity.run, None)
             if found is not None:
                 return found
         raise RecordError(f"{folder}: annotations were added while it was published; publish it again")
@@ -99,6 +110,21 @@ class Publisher(AbstractContextManager["Publisher"]):
     def renew(self) -> None:
         """Show that this publisher is at work."""
         self._lease.renew()
+
+    def reopen(self) -> None:
+        """Try a store that was away. Raises `StoreError` if it still is, `UsageError` if commits are not safe there now.
+
+        It is never made anew: a share that is not mounted is an empty folder.
+        """
+        opened(self.place, RUNS)
+        expect_safe(self.place)
+
+    def _sweep(self) -> None:
+        """Remove what this publisher left in the store when it could not be written."""
+        if self._left:
+            for _ in swept(self.place, self._left):
+                self._lease.renew()
+            self._left.clear()
 
     def _known(self, identity: Identity) -> tuple[Published | None, Step]:
         """Return the run as the store has it, and what is left to publish. No run leaves a store, so what was seen is there."""
@@ -120,15 +146,17 @@ class _Writing:
         self._publication = lease.new_publication()
         self._files: list[tuple[str, bytes]] = []
         self._written: dict[str, int] = {}
+        self._begun: set[str] = set()  # tables that may have rows which do not count
         self._decided: tuple[Outcome, frozenset[str]] | None = None
 
     def publish(self, known: Published | None) -> Outcome | None:
         """Publish it whole, or only what is new against `known`; None if the run was annotated meanwhile.
 
-        An error of the commit to `runs` leaves open whether it was made: then nothing is removed, and `store check` decides.
+        An error of the commit to `runs` leaves open whether it was made: then nothing is removed here, see `left`.
         """
         try:
             for table in DATA if known is None else FINDINGS:
+                self._begun.add(table)
                 self._written[table] = self._append(table)
             self._files = _files_of(self._run)
             is_same = identity_of(self._run.folder) == self._identity
@@ -140,6 +168,11 @@ class _Writing:
         outcome, named = self._decided or (None, frozenset())
         self._remove(named)
         return outcome
+
+    @property
+    def left(self) -> dict[str, set[str]]:
+        """The publication with the tables that may have rows of it that do not count."""
+        return {self._publication: self._begun} if self._begun else {}
 
     def _append(self, table: str) -> int:
         def rows() -> Iterator[pa.RecordBatch]:
@@ -167,7 +200,7 @@ class _Writing:
     def _new_row(self, known: Published | None) -> pa.Table:
         ours, version = self._publication, 1 if known is None else known.version + 1
         if known is None and self._written.keys() != set(DATA):
-            raise RecordError(f"{self._place}: {self._identity.run} was removed meanwhile; publish it again")
+            raise StoreError(f"{self._place}: {self._identity.run} was removed meanwhile; publish it again")
         result = Result.PUBLISHED if known is None else Result.VERSIONED
         self._decided = Outcome(self._identity.run, result, version), frozenset(DATA if known is None else FINDINGS)
         return run_row(
@@ -181,11 +214,13 @@ class _Writing:
         )
 
     def _remove(self, named: frozenset[str]) -> None:
-        """Remove the rows that `runs` does not name. What fails here does not count anyway, and `store check` removes it."""
-        for table in self._written.keys() - named:
-            with suppress(RecordError):
-                if self._written[table]:
+        """Remove the rows that `runs` does not name. What fails here does not count anyway; it stays `left`."""
+        self._begun -= named
+        with suppress(StoreError):
+            for table in sorted(self._begun):
+                if self._written.get(table) != 0:
                     remove(self._place, table, self._publication)
+                self._begun.remove(table)
 
 
 def expect_whole(folder: Path) -> None:

@@ -7,9 +7,11 @@ let one publisher overwrite another's commit without notice. Both are tried in a
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from threading import Barrier
 from typing import TYPE_CHECKING, Final
@@ -17,7 +19,7 @@ from typing import TYPE_CHECKING, Final
 import pyarrow as pa
 
 from jbclog.analysis.store.place import Place, explained
-from jbclog.core.errors import RecordError, UsageError
+from jbclog.core.errors import StoreError, UsageError
 
 if TYPE_CHECKING:
     from deltalake import DeltaTable
@@ -25,12 +27,13 @@ if TYPE_CHECKING:
 PROBE: Final = "_probe-"
 WRITERS: Final = 4
 ROUNDS: Final = 2
+GONE_OR_FULL: Final = (errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.ESTALE, errno.EROFS, errno.ENODEV, errno.ETIMEDOUT)
 SCHEMA: Final = pa.schema([pa.field("writer", pa.int64())])
 ADVICE: Final = "use a local disk, a share with hard links (NFS, SMB 3), or S3 with conditional writes; nothing was written"
 
 
 def expect_safe(place: Place) -> None:
-    """Raise `UsageError` where two publishers could overwrite each other's commits, `RecordError` where nothing can be written."""
+    """Raise `UsageError` where two publishers could overwrite each other's commits, `StoreError` where nothing can be written."""
     name = f"{PROBE}{secrets.token_hex(4)}"
     if not place.is_remote:
         _make(place)
@@ -46,7 +49,7 @@ def _make(place: Place) -> None:
     try:
         Path(place.url).mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise RecordError(f"{place} cannot be a store: {error.strerror or error}") from error
+        raise StoreError(f"{place} cannot be a store: {error.strerror or error}") from error
 
 
 def _expect_exclusive_names(folder: Path, name: str) -> None:
@@ -64,14 +67,15 @@ def _expect_exclusive_names(folder: Path, name: str) -> None:
         raise UsageError(f"{folder}: this file system lets a second writer take the name of a finished file; {ADVICE}")
     except OSError as error:
         why = error.strerror or error
-        if first.exists() and not second.exists():
+        if error.errno not in GONE_OR_FULL and first.exists() and not second.exists():
             raise UsageError(
                 f"{folder}: this file system has no hard links ({why}), so commits are not atomic; {ADVICE}"
             ) from error
-        raise RecordError(f"{folder} cannot be a store: {why}") from error
+        raise StoreError(f"{folder} cannot be a store: {why}") from error
     finally:
-        for path in (first, second, third):
-            path.unlink(missing_ok=True)
+        with suppress(OSError):
+            for path in (first, second, third):
+                path.unlink(missing_ok=True)
 
 
 def _race(place: Place, name: str) -> None:

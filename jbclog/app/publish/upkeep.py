@@ -14,8 +14,9 @@ import pyarrow.compute as pc
 from jbclog.analysis.store.place import Place, expect_library, explained
 from jbclog.analysis.store.reader import Published, Store, actions_of
 from jbclog.analysis.store.schema import DATA, RUNS, TABLES
-from jbclog.app.publish.commits import committed, fence, properties, remove, writer
+from jbclog.app.publish.commits import committed, properties, writer
 from jbclog.app.publish.lease import FOLDER, leases, live
+from jbclog.app.publish.leftovers import swept
 from jbclog.app.publish.safe_place import PROBE
 from jbclog.core.errors import RecordError, UsageError
 
@@ -85,18 +86,10 @@ def _sweep(place: Place, found: Checked, left: Mapping[str, set[str]]) -> None:
     if at_work:
         found.notes += [f"a publisher is at work, so nothing was removed: {one}" for one in at_work]
         return
-    named = fence(place, lambda runs: left.keys() - _named(Store(place, runs))) if left else []
-    for publication in named:
-        for table in sorted(left[publication]):
-            remove(place, table, publication)
-            found.removed.append(f"{table}: rows of {publication}")
+    found.removed += [f"{table}: rows of {publication}" for table, publication in swept(place, left)]
     for folder in [*(f"{FOLDER}/{one.publisher}" for one in leases(place)), *_probes(place)]:
         place.remove(folder)
         found.removed.append(folder)
-
-
-def _named(store: Store) -> set[str]:
-    return {name for one in store.every_version() for name in (one.record, one.findings)}
 
 
 def _probes(place: Place) -> list[str]:

@@ -7,6 +7,7 @@ without conditional writes do. `Server` starts one, with a bucket.
 from __future__ import annotations
 
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import urllib.request
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from threading import Thread
 from typing import Any
 
 from support.readers.texts import ROOT
@@ -26,9 +28,27 @@ CONDITION = "HTTP_IF_NONE_MATCH"
 
 @dataclass(frozen=True)
 class Server:
-    """A server that runs."""
+    """A server that runs. While it is stopped, its connections are refused; it has its objects when it starts again."""
 
     port: int
+    process: subprocess.Popen[bytes] | None = None
+
+    def stop(self) -> None:
+        self._signal(signal.SIGUSR1)
+        while self._answers():
+            time.sleep(0.02)
+
+    def start(self) -> None:
+        self._signal(signal.SIGUSR2)
+        _wait(self.port)
+
+    def _signal(self, number: signal.Signals) -> None:
+        assert self.process is not None
+        self.process.send_signal(number)
+
+    def _answers(self) -> bool:
+        with socket.socket() as one:
+            return one.connect_ex(("127.0.0.1", self.port)) == 0
 
     @property
     def environment(self) -> dict[str, str]:
@@ -62,7 +82,7 @@ def serving(how: str = "", **environment: str) -> Iterator[Server]:
         _wait(port)
         request = urllib.request.Request(f"http://127.0.0.1:{port}/{BUCKET}", method="PUT")
         urllib.request.urlopen(request, timeout=10).close()
-        yield Server(port)
+        yield Server(port, process)
     finally:
         process.terminate()
         process.wait(20)
@@ -80,7 +100,7 @@ def _wait(port: int) -> None:
 
 def main(port: str, how: str = "") -> None:
     from moto.server import DomainDispatcherApplication, create_backend_app
-    from werkzeug.serving import run_simple
+    from werkzeug.serving import make_server
 
     serve = DomainDispatcherApplication(create_backend_app)
 
@@ -92,7 +112,14 @@ def main(port: str, how: str = "") -> None:
         answer: Iterable[bytes] = serve(environment, start)
         return answer
 
-    run_simple("127.0.0.1", int(port), without, threaded=True)
+    signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGUSR1, signal.SIGUSR2))
+    while True:
+        listening = make_server("127.0.0.1", int(port), without, threaded=True)
+        Thread(target=listening.serve_forever, daemon=True).start()
+        signal.sigwait([signal.SIGUSR1])
+        listening.shutdown()
+        listening.server_close()
+        signal.sigwait([signal.SIGUSR2])
 
 
 if __name__ == "__main__":

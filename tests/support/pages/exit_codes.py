@@ -21,7 +21,7 @@ MEANINGS: Mapping[Exit, str] = {
     "read or written.",
     Exit.UNSAFE: "A tool could not be put in its safe state. The last lines name station, port and last temperature.",
     Exit.INTERRUPTED: "SIGINT (Ctrl-C) before a stated end (duration, units or joints). Record closed, tools safe.",
-    Exit.TERMINATED: "The same by SIGTERM or SIGHUP; also `watch --web` at SIGTERM.",
+    Exit.TERMINATED: "The same by SIGTERM or SIGHUP; also `watch --web` and `publish --follow` at SIGTERM.",
 }
 
 RULES = """

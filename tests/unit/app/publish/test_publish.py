@@ -16,7 +16,8 @@ from jbclog.analysis.store.place import Place, place_of
 from jbclog.analysis.store.reader import Store
 from jbclog.analysis.store.schema import DATA, RECORD, TABLES
 from jbclog.app.publish import commits, publisher
-from jbclog.app.publish.folder import NOT_SEALED, Follower, publish_all
+from jbclog.app.publish.folder import NOT_SEALED, publish_all
+from jbclog.app.publish.follow import Follower
 from jbclog.app.publish.publisher import Publisher, Result
 from jbclog.core.errors import RecordError
 from jbclog.record import annotations

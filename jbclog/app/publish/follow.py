@@ -1,0 +1,117 @@
+"""Publishes what is sealed while a line runs, for days: also where the store is away for a while.
+
+An error of the store (`StoreError`) is no fault of a run: the run is tried again, after a pause that grows, and the trouble is
+named once. A run that is refused is tried again when one of its files changes.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from jbclog.app.publish.folder import Skipped, publish_all
+from jbclog.app.publish.publisher import Outcome, Publisher
+from jbclog.core.errors import StoreError
+from jbclog.record.annotations import NAME as ANNOTATIONS
+from jbclog.record.manifest import NAME as MANIFEST
+
+LOOK_EVERY_S: Final = 5.0
+LONGEST_PAUSE_S: Final = 60.0
+
+State = tuple[object, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Trouble:
+    """The store, or the folder of the runs, is away, or is back. It is named once."""
+
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+class Follower:
+    """Publishes what is sealed, or annotated, since it was asked last. Ask again after `pause_s`."""
+
+    def __init__(self, publisher: Publisher, folder: Path) -> None:
+        self._publisher, self._folder = publisher, folder
+        self._seen: dict[Path, tuple[Callable[[Path], State], State]] = {}
+        self._failed: Counter[Path] = Counter()
+        self._is_away, self._is_said = False, False
+        self.pause_s = LOOK_EVERY_S
+
+    def poll(self) -> Iterator[Outcome | Skipped | Trouble]:
+        """Yield what became of each sealed run that is new or changed, and trouble where it begins and ends.
+
+        Raises `UsageError` if a store that was away comes back as one where commits are not safe.
+        """
+        try:
+            if self._is_away:
+                self._publisher.reopen()
+            self._publisher.renew()
+            yield from self._changed()
+        except StoreError as error:
+            yield from self._away(f"{error}; what is left is tried again until it is published")
+        except OSError as error:
+            yield from self._away(f"{self._folder} cannot be read: {error.strerror or error}; it is tried again")
+        else:
+            self._is_away, self.pause_s = False, LOOK_EVERY_S
+            yield from self._back()
+
+    def _changed(self) -> Iterator[Outcome | Skipped | Trouble]:
+        """Publish what changed; those for which the store failed come last, so that they block no other."""
+        for path in sorted(self._folder.iterdir(), key=lambda path: (self._failed[path], path)):
+            look, before = self._seen.get(path, (_state, ()))
+            now = look(path)
+            if now and now != before:
+                yield from self._publish(path)
+
+    def _publish(self, path: Path) -> Iterator[Outcome | Skipped | Trouble]:
+        before = {look: look(path) for look in (_state, _all_files)}
+        self._failed[path] += 1
+        for one in publish_all(self._publisher, path):
+            if isinstance(one, Skipped) and one.is_open:
+                break
+            look = _all_files if isinstance(one, Skipped) else _state
+            if _state(path):  # otherwise its folder is away, too
+                self._seen[path] = look, before[look]
+            if isinstance(one, Outcome):
+                yield from self._back()
+            yield one
+        del self._failed[path]
+
+    def _away(self, text: str) -> Iterator[Trouble]:
+        self.pause_s = min(2 * self.pause_s, LONGEST_PAUSE_S)
+        self._is_away = True
+        if not self._is_said:
+            self._is_said = True
+            yield Trouble(text)
+
+    def _back(self) -> Iterator[Trouble]:
+        if self._is_said:
+            self._is_said = False
+            yield Trouble(f"{self._publisher.place} is written again")
+
+
+def _state(folder: Path) -> State:
+    """Return what changes when a run is sealed or annotated; empty without a manifest."""
+    found = [_facts(folder / name) for name in (MANIFEST, ANNOTATIONS)]
+    return tuple(found) if found[0] else ()
+
+
+def _all_files(folder: Path) -> State:
+    """Return what changes when somebody mends a run that was refused."""
+    return tuple((root, name, _facts(Path(root, name))) for root, _, names in os.walk(folder) for name in sorted(names))
+
+
+def _facts(file: Path) -> State:
+    try:
+        found = file.stat()
+    except OSError:
+        return ()
+    return found.st_ino, found.st_mtime_ns, found.st_size
