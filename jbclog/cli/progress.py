@@ -18,6 +18,7 @@ from jbclog.cli.output import is_terminal
 from jbclog.cli.terminal import Column, Printer, fitting_table, moment, span_of, started_live
 from jbclog.core.clock import SystemClock
 from jbclog.core.rows import JOINTS, EventRow, Goal, Severity
+from jbclog.core.text import units_text
 from jbclog.session.run.context import PortState, SessionContext
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ COLUMNS: Final = (
     Column("coverage", is_number=True, dropped=4),
     Column("lost", is_number=True, dropped=1),
 )
+MOST_NOTES: Final = 3  # of reasons below the table
 UNSAFE, SAFE = "safety.not_safe", "safety.safe_state"
 
 
@@ -103,7 +105,7 @@ class Screen(Lines):
         super().__init__(printer)
         self._duration_s = duration_s
         self._order = known.order if known else None
-        self._unit = known.units[0] if known and len(known.units) == 1 else None
+        self._units: Sequence[str] = known.units if known else ()
         self._began = time.monotonic()
         self._live: Live | None = None
         self._joints: JointNumbers | None = None
@@ -117,7 +119,9 @@ class Screen(Lines):
 
     def happened(self, event: EventRow) -> None:
         super().happened(event)
-        self._unit = unit_after(event, self._unit)
+        unit = unit_after(event, None)
+        if unit or event.kind == "unit.end":
+            self._units = (unit,) if unit else ()
 
     def second(self, contexts: list[SessionContext], goals: Sequence[Goal]) -> None:
         if self._live is not None:
@@ -132,11 +136,17 @@ class Screen(Lines):
             self._joints = None
 
     def _table(self, contexts: list[SessionContext], goals: Sequence[Goal]) -> Group:
-        joints = {} if self._joints is None else self._joints.look(has_ended=False)
+        joints = self._joints_of(contexts)
         rows = [cells for context in contexts for cells in _cells(context, joints)]
         title = [span_of(time.monotonic() - self._began, self._duration_s), *map(goal_text, goals)]
-        title += [f"{name} {text}" for name, text in (("order", self._order), ("unit", self._unit)) if text]
-        return fitting_table(" · ".join(title), COLUMNS, rows, self._printer.console.width)
+        title += [text for text in (f"order {self._order}" if self._order else "", units_text(self._units)) if text]
+        return fitting_table(" · ".join(title), COLUMNS, rows, self._printer.console.width, joints_notes(joints))
+
+    def _joints_of(self, contexts: list[SessionContext]) -> dict[Key, Joints]:
+        if self._joints is None:
+            return {}
+        found, rest = self._joints.look(has_ended=False), self._joints.not_counted
+        return {key: found.get(key, rest) for context in contexts for key in ((context.name, port) for port in context.ports)}
 
 
 def goal_text(goal: Goal) -> str:
@@ -157,7 +167,7 @@ def _cells(context: SessionContext, joints: Mapping[Key, Joints]) -> Iterator[tu
     """Return a row for each port of a recorded station; one row for a station that is not recorded.
 
     Alarms are counted per station, and stand in its first row. Lost are readings that were due and not obtained. Joints are those
-    that had ended some seconds ago; nothing stands there before the first count.
+    that had ended some seconds ago.
     """
     alarms = str(context.facts.alarms or "")
     if context.facts.outcome != RUNNING or not context.ports:
@@ -183,10 +193,30 @@ def _cells(context: SessionContext, joints: Mapping[Key, Joints]) -> Iterator[tu
 
 
 def joints_text(joints: Joints | None) -> str:
-    """Return how many joints a port has so far; nothing for a tool that makes none, and before the first count."""
+    """Return how many joints a port has so far; a dash before the first count, nothing for a tool that makes none."""
     if joints is None or not joints.is_supported:
         return ""
+    if joints.is_awaited:
+        return "–"
     return "unknown" if joints.count is None else str(joints.count)
+
+
+def joints_notes(joints: Mapping[Key, Joints]) -> list[str]:
+    """Return the age of an older count, and why the joints of ports are unknown: one line for each reason."""
+    from jbclog.app.watch.words import joints_age
+
+    ports: dict[str, list[str]] = {}
+    for (station, port), one in joints.items():
+        if one.is_supported and not one.is_awaited and one.why:
+            ports.setdefault(one.why, []).append(f"{station} port {port}")
+    ages = {age.strip(" ()") for one in joints.values() if one.is_supported and (age := joints_age(one))}
+    lines = [f"joints unknown, {', '.join(of)}: {why}" for why, of in ports.items()]
+    more = (
+        [f"joints of other ports are unknown for {len(lines) - MOST_NOTES} more reasons; `jbclog watch` has them"]
+        if len(lines) > MOST_NOTES
+        else []
+    )
+    return [*(f"joints: counted {age}" for age in sorted(ages)), *lines[:MOST_NOTES], *more]
 
 
 def _tip(context: SessionContext, port: PortState) -> str:

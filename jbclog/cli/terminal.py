@@ -60,8 +60,10 @@ class Column(NamedTuple):
     dropped: int | None = None
 
 
-def fitting_table(title: str, columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int) -> Group:
-    """Return the title, and the table with as many of its columns as fit into `width` cells."""
+def fitting_table(
+    title: str, columns: Sequence[Column], rows: Sequence[Sequence[str]], width: int, notes: Sequence[str] = ()
+) -> Group:
+    """Return the title, the table with as many of its columns as fit into `width` cells, and the notes below it."""
     from rich.console import Group
     from rich.table import Table
     from rich.text import Text
@@ -72,7 +74,7 @@ def fitting_table(title: str, columns: Sequence[Column], rows: Sequence[Sequence
         table.add_column(column.name, justify="right" if column.is_number else "left")
     for row in rows:
         table.add_row(*(Text(clean(cell)) for cell in row))
-    return Group(Text(clean(title)), table)
+    return Group(Text(clean(title)), table, *(Text(clean(one), style="dim") for one in notes))
 
 
 def fitting(

@@ -65,7 +65,9 @@ def _show(path: Path) -> None:
     from jbclog.live import follow
 
     with follow(path, joints=True) as follower:
-        WatchApp(follower.poll, queues=QueueFollower(path).poll).run()
+        app = WatchApp(follower.poll, queues=QueueFollower(path).poll)
+        app.run()
+    raise typer.Exit(app.return_code or 0)
 
 
 def _serve(path: Path, address: str, port: int, token: str | None) -> None:

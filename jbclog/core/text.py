@@ -75,6 +75,17 @@ def number(value: object, digits: int = 2) -> str:
     return text.replace(",", "\u202f").replace("-", "\u2212")
 
 
+MOST_UNITS: Final = 3
+
+
+def units_text(units: Sequence[str]) -> str:
+    """``unit U-1``, ``units U-1, U-2``, ``units U-1, U-2, U-3 and 5 more``; empty without units."""
+    if len(units) < 2:
+        return "".join(f"unit {unit}" for unit in units)
+    more = len(units) - MOST_UNITS
+    return f"units {', '.join(units[:MOST_UNITS])}" + (f" and {more} more" if more > 0 else "")
+
+
 DIGITS: Final = 12  # of a figure in JSON
 
 

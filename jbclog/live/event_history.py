@@ -47,6 +47,7 @@ class EventHistory:
     def __init__(self) -> None:
         self.newest: deque[NumberedEvent] = deque(maxlen=MOST_EVENTS)
         self.unit: str | None = None
+        self.has_units = False  # serials are read during the run
         self._alarms: dict[Place, dict[str, str]] = {}
         self._problems: dict[Place, dict[str, str]] = {}
         self._flags_lost: dict[Place, int] = {}
@@ -83,7 +84,7 @@ class EventHistory:
         elif kind in PROBLEMS_BEGIN:
             problems[kind] = event.text
         elif kind == BEGIN:
-            self.unit = event.raw
+            self.unit, self.has_units = event.raw, True
         elif kind == END:
             self.unit = None
         alarms.pop(ALARMS_END.get(kind, ""), None)

@@ -82,6 +82,11 @@ class Joints:
     why: str | None = None
 
     @property
+    def is_awaited(self) -> bool:
+        """Whether the first count is still to come."""
+        return self == NOT_COUNTED
+
+    @property
     def is_supported(self) -> bool:
         """Whether this tool can make joints: only a tip does."""
         return self.why != OF_TIPS_ONLY
@@ -202,7 +207,8 @@ class RunState:
     """A run at one moment.
 
     `text` explains the phase; `commit_age_s` is the time since the recorder last committed; `problems` concern the whole run;
-    `events` are the newest ones, oldest first. `is_whole`: everything since the run's begin was read.
+    `events` are the newest ones, oldest first. `unit` is the one on the bench, if known; `units` are this one or, if no serials are
+    read during the run, all that were named at its start. `is_whole`: everything since the run's begin was read.
     """
 
     folder: Path
@@ -214,6 +220,7 @@ class RunState:
     order: str | None = None
     product: str | None = None
     unit: str | None = None
+    units: tuple[str, ...] = ()
     started: str | None = None
     ended: str | None = None
     verdict: str | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -44,6 +44,7 @@ class RunView:
     def state(self, phase: Phase, text: str) -> RunState:
         manifest = self.manifest or Manifest(self.folder.name)
         metadata = manifest.metadata
+        units = self._units(metadata.units)
         return RunState(
             folder=self.folder,
             phase=phase,
@@ -53,7 +54,8 @@ class RunView:
             operator=metadata.operator,
             order=metadata.order,
             product=metadata.product,
-            unit=self.events.unit or (metadata.units[0] if len(metadata.units) == 1 else None),
+            unit=units[0] if len(units) == 1 else None,
+            units=units,
             started=manifest.started,
             ended=manifest.ended,
             verdict=manifest.verdict,
@@ -63,6 +65,12 @@ class RunView:
             events=tuple(self.events.newest),
             is_whole=self.is_whole,
         )
+
+    def _units(self, named: Sequence[str]) -> tuple[str, ...]:
+        """Return the unit on the bench, or those named at the run's start."""
+        if self.events.has_units:
+            return () if self.events.unit is None else (self.events.unit,)
+        return tuple(named)
 
     def _problems(self, phase: Phase) -> list[str]:
         found = [*self.events.problems((None, None))]

@@ -57,7 +57,7 @@ class PortFound(NamedTuple):
 def joint_evidence(folder: Path, stations: Sequence[StationFacts], t0_utc: float | None) -> Evidence:
     """Return the joints of each port of these stations that has a tip; `t0_utc` is the manifest's."""
     read = partial(row_groups, folder)
-    stepped_s = sum(abs(step.size_s) for step in _steps(read))
+    stepped_s = sum(abs(step.size_s) for step in clock_steps(read))
     return {key: _port_joints(one, stepped_s) for key, one in ports_found(folder, read, stations, t0_utc).items()}
 
 
@@ -66,7 +66,7 @@ def ports_found(folder: Path, read: Read, stations: Sequence[StationFacts], t0_u
 
     Ports without a feeder are read in windows (`sweeps`), the others as a whole.
     """
-    with_tip, clock = [facts for facts in stations if has_tip(facts)], (_steps(read), round((t0_utc or 0.0) * 1e6))
+    with_tip, clock = [facts for facts in stations if has_tip(facts)], (clock_steps(read), round((t0_utc or 0.0) * 1e6))
     options = {facts.name: options_of(joints_asked(folder, facts)) for facts in with_tip}
     found: dict[Key, PortFound] = {}
     in_windows = [facts for facts in with_tip if not has_feeder(facts)]
@@ -108,7 +108,8 @@ def _port_joints(port: PortFound, stepped_s: float) -> PortJoints:
     return PortJoints(recoveries, feeds, found.heat_why or found.why, unseen_joints, found.unseen_s)
 
 
-def _steps(read: Read) -> list[Step]:
+def clock_steps(read: Read) -> list[Step]:
+    """Return the steps of the wall clock in these rows, oldest first."""
     return [step for events in read("events", EVENTS) for step in steps_in(events)]
 
 

@@ -11,12 +11,14 @@ from textual.binding import Binding, BindingType
 from textual.containers import ItemGrid, VerticalScroll
 from textual.content import Content
 from textual.css.query import NoMatches
+from textual.events import Resize
 from textual.screen import Screen
 from textual.widgets import Footer, Static
 
 from jbclog.app.watch import words
 from jbclog.app.watch.batch_queue import BatchQueue
 from jbclog.core.errors import JbclogError
+from jbclog.core.outcome import Exit
 from jbclog.core.rows import Severity
 from jbclog.core.text import clean
 from jbclog.live import PortState, RunState, StationState
@@ -26,6 +28,9 @@ EVERY_S: Final = 0.5
 TILE: Final = 38  # columns
 SHOWN_EVENTS: Final = 200
 PLOT_LINES: Final = 8
+LINES_OF_TILES: Final = 14  # with the lines above and below them
+MOST_LINES, FEWEST_LINES = 9, 3  # of the events, with their title
+READING: Final = "reading …"
 
 Source = Callable[[], RunState | None]
 Queues = Callable[[], Sequence[BatchQueue]]
@@ -34,7 +39,13 @@ Queues = Callable[[], Sequence[BatchQueue]]
 class Tile(Static, can_focus=True):
     """A port. Enter opens its station."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("enter", "open", "details")]
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("up", "move(-1, True)", "choose", key_display="Tab ←↑↓→"),
+        Binding("down", "move(1, True)", show=False),
+        Binding("left", "move(-1)", show=False),
+        Binding("right", "move(1)", show=False),
+        Binding("enter", "open", "details"),
+    ]
 
     def __init__(self, port: PortState) -> None:
         super().__init__()
@@ -50,6 +61,14 @@ class Tile(Static, can_focus=True):
 
     def on_resize(self) -> None:
         self.show(self.port)
+
+    def action_move(self, step: int, by_line: bool = False) -> None:
+        """Choose the tile `step` places, or lines of tiles, further on; this one where there is none."""
+        tiles = list(self.screen.query(Tile))
+        a_line = sum(tile.region.y == tiles[0].region.y for tile in tiles)
+        place = tiles.index(self) + step * (a_line if by_line else 1)
+        if 0 <= place < len(tiles):
+            tiles[place].focus()
 
     def action_open(self) -> None:
         self.app.push_screen(StationScreen(self.port.station))
@@ -112,8 +131,9 @@ class WatchApp(App[None]):
     CSS = """
     #head { height: auto; max-height: 6; padding: 0 1; text-style: bold; }
     #tiles { height: auto; grid-gutter: 0 1; }
-    #queue { height: auto; max-height: 9; text-wrap: nowrap; }
+    #queue { height: auto; text-wrap: nowrap; }
     #events { height: 9; }
+    .no-room { display: none; }
     #queue, #events { border-top: solid $foreground; border-title-align: left; padding: 0 1; }
     Tile { height: auto; min-height: 7; border: round $foreground; padding: 0 1; }
     Tile:focus { border: heavy $foreground; }
@@ -126,6 +146,7 @@ class WatchApp(App[None]):
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("q", "quit", "quit"),
+        Binding("ctrl+c", "interrupt", show=False, priority=True),
         Binding("s", "severity", "severity"),
     ]
 
@@ -137,7 +158,7 @@ class WatchApp(App[None]):
         self._trouble = ""
 
     def compose(self) -> ComposeResult:
-        yield Static(words.NO_RUN, id="head")
+        yield Static(READING, id="head")
         with VerticalScroll(can_focus=False):
             yield ItemGrid(id="tiles", min_column_width=TILE)
         yield Static(id="queue")
@@ -168,12 +189,14 @@ class WatchApp(App[None]):
             self.show_queues(queues)
             if state is not None:
                 self.show(state)
+            elif self.run_state is None:
+                self._show_head(words.NO_RUN)
 
     def show(self, run: RunState) -> None:
         """Show a run."""
         self.run_state = run
         base = self.screen_stack[0]
-        base.query_one("#head", Static).update(Content(f"{words.run_line(run)}\n{words.status_line(run)}"))
+        self._show_head(f"{words.run_line(run)}\n{words.status_line(run)}")
         self._show_tiles(base.query_one("#tiles", ItemGrid), run.ports)
         self._show_events()
         if isinstance(self.screen, StationScreen):
@@ -208,7 +231,22 @@ class WatchApp(App[None]):
 
     def _show_trouble(self, text: str) -> None:
         with suppress(NoMatches):  # as in `_take`
-            self.screen_stack[0].query_one("#head", Static).update(Content(clean(text)))
+            self._show_head(clean(text))
+
+    def _show_head(self, text: str) -> None:
+        self.screen_stack[0].query_one("#head", Static).update(Content(text))
+
+    def on_resize(self, event: Resize) -> None:
+        """Leave the tiles room: on a low terminal the events and the queue have less of it, or none."""
+        lines = event.size.height - LINES_OF_TILES
+        for name in ("#events", "#queue"):
+            box = self.screen_stack[0].query_one(name, Static)
+            box.styles.max_height = max(min(lines, MOST_LINES), 1)
+            box.set_class(lines < FEWEST_LINES, "no-room")
+
+    def action_interrupt(self) -> None:
+        """End as other commands do at SIGINT."""
+        self.exit(return_code=Exit.INTERRUPTED)
 
     def action_severity(self) -> None:
         """Show events from the next severity on."""

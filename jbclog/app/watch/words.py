@@ -8,7 +8,7 @@ from typing import Final
 
 from jbclog.app.watch.batch_queue import BatchQueue
 from jbclog.core.rows import Severity
-from jbclog.core.text import clean
+from jbclog.core.text import clean, units_text
 from jbclog.live import (
     Condition,
     Counter,
@@ -71,8 +71,15 @@ def coverage_text(coverage: Coverage) -> str:
 def joints_text(joints: Joints) -> str:
     """``joints 12``, ``joints 12 (3 min ago)``, or that their number is not known; `joints_why` has the reason."""
     if joints.count is not None:
-        return f"joints {joints.count}" + (f" ({age_text(joints.age_s)} ago)" if (joints.age_s or 0.0) > OLD_COUNT_S else "")
+        return f"joints {joints.count}{joints_age(joints)}"
+    if joints.is_awaited:
+        return "joints –"
     return "joints not known" + (f" ({joints.found} found)" if joints.found else "")
+
+
+def joints_age(joints: Joints) -> str:
+    """`` (3 min ago)`` where the number is so old that it matters."""
+    return f" ({age_text(joints.age_s)} ago)" if (joints.age_s or 0.0) > OLD_COUNT_S else ""
 
 
 def joints_why(joints: Joints) -> str:
@@ -96,10 +103,10 @@ def port_lines(port: PortState, width: int) -> list[str]:
 
 def run_line(run: RunState) -> str:
     """The run in one line: its name, phase, order and unit."""
-    facts = {"order": run.order, "product": run.product, "unit": run.unit, "operator": run.operator}
-    known = [f"{name} {clean(text)}" for name, text in facts.items() if text]
+    facts = {"order": run.order, "product": run.product, "units": run.units, "operator": run.operator}
+    known = [units_text(run.units) if name == "units" else f"{name} {text}" for name, text in facts.items() if text]
     verdict = [f"verdict {run.verdict}"] if run.verdict else []
-    return " · ".join([clean(run.folder.name), run.phase.upper(), *known, *verdict])
+    return clean(" · ".join([run.folder.name, run.phase.upper(), *known, *verdict]))
 
 
 def worst(run: RunState) -> Condition | None:
@@ -119,7 +126,7 @@ def event_line(numbered: NumberedEvent) -> str:
     """An event in one line: local time, severity, place, text."""
     event = numbered.event
     moment = time.strftime("%H:%M:%S", time.localtime(event.time // 1_000_000))
-    text = event.text.removeprefix(f"{event.station}: ")
+    text = event.text.removeprefix(f"{event.station}: ").removeprefix(f"Port {event.port}: ")
     place = "run" if event.station is None else event.station if event.port is None else f"{event.station} port {event.port}"
     return clean(f"{moment}  {event.severity.value:8}  {place}: {text}")
 

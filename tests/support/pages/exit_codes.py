@@ -20,7 +20,8 @@ MEANINGS: Mapping[Exit, str] = {
     Exit.RECORD: "The record is incomplete: crash, disk, hashes. `publish`: a run was refused, or the store cannot be "
     "read or written.",
     Exit.UNSAFE: "A tool could not be put in its safe state. The last lines name station, port and last temperature.",
-    Exit.INTERRUPTED: "SIGINT (Ctrl-C) before a stated end (duration, units or joints). Record closed, tools safe.",
+    Exit.INTERRUPTED: "SIGINT (Ctrl-C) before a stated end (duration, units or joints). Record closed, tools safe. Also "
+    "`watch` at Ctrl-C.",
     Exit.TERMINATED: "The same by SIGTERM or SIGHUP; also `watch --web` and `publish --follow` at SIGTERM.",
 }
 

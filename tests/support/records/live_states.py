@@ -132,6 +132,7 @@ def run(folder: Path = Path("runs/20261123T060000Z-bench-3-k7qd"), phase: Phase 
         line="bench-3",
         order="88123",
         unit="SN-0012",
+        units=("SN-0012",),
         stations=(dde, other, strange),
         events=tuple(NumberedEvent(number, event) for number, event in enumerate(events)),
         is_whole=True,

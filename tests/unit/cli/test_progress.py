@@ -13,6 +13,7 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
+from jbclog.analysis.joints.evidence import NOTHING_RECORDED
 from jbclog.app.run.plan import Metadata
 from jbclog.cli import progress, terminal
 from jbclog.cli.options import Color
@@ -21,7 +22,7 @@ from jbclog.core.clock import SystemClock, UtcOffset
 from jbclog.core.rows import JOINTS, UNITS, EventRow, Goal, NoJournal, Severity
 from jbclog.core.serial_line import LineFormat
 from jbclog.live.joint_counter import count
-from jbclog.live.states import OF_TIPS_ONLY, Joints
+from jbclog.live.states import NOT_COUNTED, OF_TIPS_ONLY, Joints
 from jbclog.protocol.commands.family import FAMILIES
 from jbclog.session.run.context import PortState, ReadingCount, SessionContext, StationTask
 from support.records.live_rows import Soldering
@@ -68,7 +69,7 @@ def drawn(screen: progress.Screen, *contexts: SessionContext, width: int = 100, 
 def rows(screen: progress.Screen, *contexts: SessionContext) -> list[list[str]]:
     """The cells of its ports."""
     lines = drawn(screen, *contexts)
-    return [[cell.strip() for cell in line.split("│")[1:-1]] for line in lines if "dde-" in line]
+    return [[cell.strip() for cell in line.split("│")[1:-1]] for line in lines if "│" in line and "dde-" in line]
 
 
 def test_what_is_known_and_what_is_not(screen: progress.Screen) -> None:
@@ -82,17 +83,33 @@ def test_joints_so_far(screen: progress.Screen, recording: Soldering) -> None:
     """Counted in the record of the run, by a process that ends with the table."""
     recording.solder(500)
     screen.begun(recording.folder)
-    assert [row[6] for row in rows(screen, context())] == ["", ""]  # before the first count: not 0
+    assert [row[6] for row in rows(screen, context())] == ["–", "–"]  # before the first count: not 0
     end = time.monotonic() + 60.0
-    while not (found := [row[6] for row in rows(screen, context())])[0]:
+    while (found := [row[6] for row in rows(screen, context())])[0] == "–":
         assert time.monotonic() < end
         time.sleep(0.1)
-    assert found == [str(count(recording.folder).ports[0].count), "unknown"]  # nothing is recorded of port 2
+    assert found == [str(count(recording.folder).ports[0].count), "unknown"]
+    assert drawn(screen, context())[-1] == f"joints unknown, dde-1 port 2: {NOTHING_RECORDED}"
     assert progress.joints_text(Joints(why=OF_TIPS_ONLY)) == ""
     process = screen._joints._counting._process if screen._joints is not None else None
     screen.close()
     assert process is not None
     assert process.returncode is not None
+
+
+def test_notes_below_the_table_say_why_joints_are_unknown_and_how_old_a_count_is() -> None:
+    assert progress.joints_notes({("a", 1): Joints(3, 3, 4.0), ("b", 1): NOT_COUNTED, ("c", 1): Joints(why=OF_TIPS_ONLY)}) == []
+    found = {("a", port): Joints(None, 3, 40.0, "too short.") for port in (1, 2)} | {("b", 1): Joints(3, 3, 40.2)}
+    assert progress.joints_notes(found) == ["joints: counted 40 s ago", "joints unknown, a port 1, a port 2: too short."]
+    many = {("a", port): Joints(why=f"reason {port}") for port in range(5)}
+    assert progress.joints_notes(many)[3:] == ["joints of other ports are unknown for 2 more reasons; `jbclog watch` has them"]
+
+
+def test_units_named_at_the_start_stand_in_the_title_until_one_is_read(screen: progress.Screen) -> None:
+    screen._units = [f"SN-{number}" for number in range(1, 6)]
+    assert drawn(screen, context())[0].endswith(" · units SN-1, SN-2, SN-3 and 2 more")
+    screen.happened(EventRow(0, "unit.begin", Severity.INFO, "", raw="SN-9"))
+    assert drawn(screen, context())[0].endswith(" · unit SN-9")
 
 
 def test_the_title_has_time_goals_order_and_the_unit_on_the_bench(screen: progress.Screen) -> None:
@@ -122,7 +139,7 @@ def test_the_title_has_time_goals_order_and_the_unit_on_the_bench(screen: progre
     ],
 )
 def test_a_narrow_terminal_shows_fewer_columns_and_cuts_none(screen: progress.Screen, width: int, gone: set[str]) -> None:
-    screen._joints = SimpleNamespace(look=lambda **_: {("dde-workplace-12", 1): Joints(12)})  # type: ignore[assignment]
+    screen._joints = SimpleNamespace(look=lambda **_: {("dde-workplace-12", 1): Joints(12)}, not_counted=NOT_COUNTED)  # type: ignore[assignment]
     lines = drawn(screen, context("dde-workplace-12"), width=width)
     (heads,) = (line for line in lines if "station" in line)
     assert {column.name for column in progress.COLUMNS} - set(heads.replace("┃", " ").split()) == gone

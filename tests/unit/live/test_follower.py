@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -107,6 +108,19 @@ def test_a_run_as_it_is_recorded(recording: Recording, follower: Follower) -> No
     assert port.trace.seconds[-3:] == pytest.approx((2.8, 2.9, 3.0))
     assert port.trace.last_s == pytest.approx(3.0)
     assert [one.event.kind for one in run.events] == ["unit.begin"]
+
+
+def test_units_named_at_the_start_hold_until_one_is_read(recording: Recording, follower: Follower) -> None:
+    recording.manifest.metadata = replace(recording.manifest.metadata, units=["SN-1", "SN-2"])
+    write_manifest(recording.folder, recording.manifest)
+    recording.rows(1)
+    recording.commit()
+    assert (polled(follower).unit, polled(follower).units) == (None, ("SN-1", "SN-2"))
+    for kind, units in (("unit.begin", ("SN-3",)), ("unit.end", ())):
+        recording.event(kind, "", station=None, raw="SN-3")
+        recording.commit()
+        run = polled(follower)
+        assert (run.unit, run.units) == (units[0] if units else None, units)
 
 
 def test_between_two_commits_no_trace_is_made_anew(recording: Recording, follower: Follower) -> None:

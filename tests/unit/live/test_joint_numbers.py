@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,8 +15,8 @@ from jbclog.analysis.run_metrics import joints_and_metrics
 from jbclog.core.clock import SystemClock
 from jbclog.core.locks import commit_status
 from jbclog.live import Follower, RunState, joint_counter
-from jbclog.live.joint_counter import ENDED_S, LEAST_PAUSE_S, REST, count
-from jbclog.live.joint_numbers import ENDED, Counted, JointCounting, JointNumbers
+from jbclog.live.joint_counter import ENDED_S, count, scheduled
+from jbclog.live.joint_numbers import ENDED, Counted, JointCounting, JointNumbers, PortCount
 from jbclog.live.open_rows import OpenRows
 from jbclog.record.seal import seal_rows
 from support.records.live_rows import SOLDERED_ROWS as ROWS
@@ -113,20 +113,55 @@ def test_without_being_asked_nothing_is_counted(recording: Soldering) -> None:
         assert follower._run._joints is None
 
 
-def test_the_first_count_which_loads_much_is_soon_followed_by_another(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    clock, pauses, commits = iter([0.0, 0.0, 1.5, 2.0, 10.0]), list[float](), iter([1, 2, 3])
+def test_a_count_depends_on_the_run_and_not_on_when_it_is_made(recording: Soldering) -> None:
+    for rows in range(50, COMMIT + 1, 50):
+        recording.solder(rows)
+    through = scheduled(commit_status(recording.folder).last, 1)
+    early = count(recording.folder, through)
+    assert early.ports[0].found
+    recording.solder(ROWS)
+    late = count(recording.folder, through)
+    assert late.ports == early.ports
+    assert count(recording.folder).ports[0].found > early.ports[0].found
 
-    def wait(_read: object, _write: object, _faulty: object, pause: float) -> tuple[list[int], list[int], list[int]]:
-        pauses.append(pause)
-        return ([joint_counter.STDIN] if len(pauses) == 3 else []), [], []
 
-    monkeypatch.setattr(joint_counter.time, "process_time", lambda: next(clock))
-    monkeypatch.setattr(joint_counter, "commit_status", lambda _: SimpleNamespace(last=next(commits)))
-    monkeypatch.setattr(joint_counter, "count", lambda *_, **__: Counted())
-    monkeypatch.setattr(joint_counter.select, "select", wait)
-    monkeypatch.setattr(joint_counter.os, "read", lambda *_: b"")
-    joint_counter._count_until_final(tmp_path)
-    assert pauses == [LEAST_PAUSE_S, REST * 1.5, REST * 8.0]
+def schedule(ports: int, through: int, every: int = 1) -> list[int]:
+    """What a process counts that looks at every `every`th batch."""
+    return list(dict.fromkeys(scheduled(last, ports) for last in range(every, through + 1, every)))
+
+
+def test_two_processes_count_at_the_same_commits() -> None:
+    assert schedule(6, 120) == [1, 2, 4, 8, 16, 24, 32, 48, 64, 96]
+    assert set(schedule(6, 2000, every=37)) <= set(schedule(6, 2000))
+    assert schedule(64, 2000)[-2:] == [1024, 1536]
+    assert scheduled(0, 6) == 0
+    assert scheduled(1000, 6, took_s=0.5) == scheduled(1000, 6)  # a machine that is a bit slower agrees
+    assert scheduled(1000, 6, took_s=5.0) < scheduled(1000, 6)
+
+
+@pytest.fixture
+def counted_through(monkeypatch: pytest.MonkeyPatch) -> Callable[[Sequence[int]], list[int | None]]:
+    """Return the batches through which a process counts that sees these commits, one each second."""
+
+    def counts(commits: Sequence[int]) -> list[int | None]:
+        seen, found = iter(commits), list[int | None]()
+        clock, counted = iter(range(1000)), Counted(ports=tuple(PortCount("a", port, 0, 0, None) for port in range(6)))
+        looks = iter([0] * (len(commits) - 1))
+        monkeypatch.setattr(joint_counter, "commit_status", lambda _: SimpleNamespace(last=next(seen)))
+        monkeypatch.setattr(joint_counter, "count", lambda _folder, through, **_: (found.append(through), counted)[1])
+        monkeypatch.setattr(joint_counter, "_number_of_ports", lambda _: len(counted.ports))
+        monkeypatch.setattr(joint_counter.select, "select", lambda *_: ([] if next(looks, None) == 0 else [0], [], []))
+        monkeypatch.setattr(joint_counter.os, "read", lambda *_: b"")
+        monkeypatch.setattr(joint_counter.time, "monotonic", lambda: next(clock))
+        joint_counter._count_until_final(Path())
+        return found
+
+    return counts
+
+
+def test_a_run_that_stands_still_is_counted_to_its_end(counted_through: Callable[[Sequence[int]], list[int | None]]) -> None:
+    assert counted_through([5, 6, 7, 8, 9]) == [4, 8]
+    assert counted_through([7] * 10) == [4, 7]
 
 
 def test_a_killed_process_leaves_numbers_not_known(recording: Soldering) -> None:

@@ -12,7 +12,9 @@ import pytest
 from textual.pilot import Pilot
 
 from jbclog.app.watch.terminal import StationScreen, Tile, WatchApp
+from jbclog.app.watch.words import NO_RUN
 from jbclog.core.errors import RecordError
+from jbclog.core.outcome import Exit
 from jbclog.live import Phase, RunState
 from support.readers.screen import PICTURES, SIZES, in_utc, picture, text_of
 from support.records import live_states
@@ -184,3 +186,55 @@ def test_it_reads_in_a_thread_and_again_after_trouble() -> None:
         assert "dde-1 port 1" in text_of(app)
 
     play(steps, source, every_s=0.3)
+
+
+def test_arrows_and_tab_choose_a_tile_and_the_footer_says_so() -> None:
+    async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
+        assert "Tab ←↑↓→ choose" in await shown(app, pilot, live_states.run())
+        tiles = list(app.query(Tile))
+        a_line = sum(tile.region.y == tiles[0].region.y for tile in tiles)
+        assert 1 < a_line < len(tiles)
+        for key, place in (("right", 1), ("left", 0), ("left", 0), ("down", a_line), ("up", 0), ("tab", 1)):
+            await pilot.press(key)
+            assert app.focused is tiles[place]
+
+    play(steps)
+
+
+def test_ctrl_c_ends_it_as_it_ends_other_commands() -> None:
+    async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
+        await shown(app, pilot, live_states.run())
+        await pilot.press("enter", "ctrl+c")
+        await pilot.pause()
+        assert app.return_code == Exit.INTERRUPTED
+
+    play(steps)
+
+
+def test_no_run_is_said_only_when_it_is_known() -> None:
+    async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
+        assert NO_RUN not in text_of(app)
+        app._take(None, ())
+        await pilot.pause()
+        assert NO_RUN in text_of(app)
+        await shown(app, pilot, live_states.run())
+        app._take(None, ())
+        await pilot.pause()
+        assert NO_RUN not in text_of(app)
+
+    play(steps)
+
+
+@pytest.mark.parametrize(("size", "has_events"), [((80, 10), False), ((40, 15), False), ((80, 17), True), ((80, 24), True)])
+def test_on_a_low_terminal_tiles_come_before_events(size: tuple[int, int], has_events: bool) -> None:
+    async def steps(app: WatchApp, pilot: Pilot[None]) -> None:
+        await shown(app, pilot, live_states.run())
+        app.show_queues((live_states.QUEUE,) if size[1] < 17 else ())
+        await pilot.resize_terminal(*size)
+        await pilot.pause()
+        text = text_of(app)
+        assert ("events from" in text) is has_events
+        assert "dde-1 port 1" in text
+        assert "row 0." in text  # the fifth line of a tile
+
+    play(steps)

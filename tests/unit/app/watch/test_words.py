@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from jbclog.app.watch import words
-from jbclog.live import Coverage, Reading, Trace
+from jbclog.core.rows import EventRow, Severity
+from jbclog.live import Coverage, Joints, NumberedEvent, Reading, Trace
+from jbclog.live.states import NOT_COUNTED
 from support.records import live_states
 
 
@@ -81,3 +85,21 @@ def test_foreign_text_is_one_plain_line() -> None:
     assert all("\x1b" not in line and "\n" not in line for line in words.queue_lines((live_states.QUEUE,)))
     assert all("\x1b" not in line and "\n" not in line for line in map(words.event_line, run.events))
     assert "\x1b" not in "".join(line for port in run.ports for line in words.port_lines(port, 30))
+
+
+def test_an_event_names_its_port_once() -> None:
+    event = EventRow(0, "alarm.low", Severity.WARNING, "dde-2: Port 2: low-temperature alarm.", "dde-2", 2)
+    assert words.event_line(NumberedEvent(1, event)).endswith("  dde-2 port 2: low-temperature alarm.")
+    of_station = EventRow(0, "link.lost", Severity.WARNING, "dde-2: Port 2: all are lost.", "dde-2")
+    assert words.event_line(NumberedEvent(1, of_station)).endswith("  dde-2: Port 2: all are lost.")
+
+
+def test_the_line_of_a_run_has_all_units() -> None:
+    run = replace(live_states.run(), unit=None, units=("U-1", "U-2"))
+    assert "order 88123 · units U-1, U-2" in words.run_line(run)
+
+
+def test_joints_before_the_first_count_are_a_dash() -> None:
+    assert words.joints_text(NOT_COUNTED) == "joints –"
+    assert words.joints_text(Joints(why="too short", found=2)) == "joints not known (2 found)"
+    assert words.joints_text(Joints(3, 3, 20.0)) == "joints 3 (20 s ago)"
