@@ -133,7 +133,7 @@ class WatchApp(App[None]):
     #tiles { height: auto; grid-gutter: 0 1; }
     #queue { height: auto; text-wrap: nowrap; }
     #events { height: 9; }
-    .no-room { display: none; }
+    .too-low { display: none; }
     #queue, #events { border-top: solid $foreground; border-title-align: left; padding: 0 1; }
     Tile { height: auto; min-height: 7; border: round $foreground; padding: 0 1; }
     Tile:focus { border: heavy $foreground; }
@@ -237,12 +237,12 @@ class WatchApp(App[None]):
         self.screen_stack[0].query_one("#head", Static).update(Content(text))
 
     def on_resize(self, event: Resize) -> None:
-        """Leave the tiles room: on a low terminal the events and the queue have less of it, or none."""
+        """Give the tiles the lines that they need: on a low terminal the events and the queue get fewer, or none."""
         lines = event.size.height - LINES_OF_TILES
         for name in ("#events", "#queue"):
             box = self.screen_stack[0].query_one(name, Static)
             box.styles.max_height = max(min(lines, MOST_LINES), 1)
-            box.set_class(lines < FEWEST_LINES, "no-room")
+            box.set_class(lines < FEWEST_LINES, "too-low")
 
     def action_interrupt(self) -> None:
         """End as other commands do at SIGINT."""
