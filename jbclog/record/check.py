@@ -31,7 +31,17 @@ from jbclog.record.chains import broken_links, is_head, short_head
 from jbclog.record.conclude import CACHES, files_of, is_later, is_of_report, live_files, sealed_file
 from jbclog.record.guard_actions import plain_events
 from jbclog.record.ledger import disagreements, ledger_of, reasons_of
-from jbclog.record.manifest import NAME, Manifest, RunState, SealedFile, has_digest, manifest_sha256, read_manifest, wrong_digest
+from jbclog.record.manifest import (
+    NAME,
+    Manifest,
+    RunState,
+    SealedFile,
+    fitting_units,
+    has_digest,
+    manifest_sha256,
+    read_manifest,
+    wrong_digest,
+)
 from jbclog.record.parts import part_paths, read_through, row_groups
 from jbclog.record.schema import TABLES
 
@@ -368,7 +378,7 @@ def _ledger(folder: Path, manifest: Manifest) -> Iterator[Finding]:
 
 
 def _units(folder: Path, manifest: Manifest) -> Iterator[Finding]:
-    if units_of(folder) != manifest.units:
+    if fitting_units(manifest, units_of(folder)) != manifest.units:
         yield Finding(NAME, "units: differ from those in the events")
 
 

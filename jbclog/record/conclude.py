@@ -30,7 +30,17 @@ from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.annotations import units_of
 from jbclog.record.folder import METRICS_CACHE
 from jbclog.record.ledger import ledger_of
-from jbclog.record.manifest import NAME, Lost, Manifest, RunState, SealedFile, iso, write_manifest
+from jbclog.record.manifest import (
+    NAME,
+    Lost,
+    Manifest,
+    RunState,
+    SealedFile,
+    expect_readable,
+    fitting_units,
+    iso,
+    write_manifest,
+)
 from jbclog.record.parts import (
     DAMAGE_NOTES,
     REMAINS,
@@ -262,10 +272,11 @@ def conclude(folder: Path, manifest: Manifest, lock: FolderLock) -> Manifest:
         lost = manifest.lost or _lost(read_damage(folder), dropped)
         sealed = replace(manifest, state=RunState.SEALED, stations=stations, lost=lost, ended=manifest.ended or last_time(folder))
         sealed.ledger = ledger_of(folder, stations)
-        sealed.units = units_of(folder)
         _keep_damaged(folder)
         guard_actions.tidy(folder)
         sealed.files = list(files_of(folder))
+        sealed.units = fitting_units(sealed, units_of(folder))
+        expect_readable(sealed)
     except (OSError, pa.ArrowException) as error:
         raise RecordError(f"{folder} cannot be sealed: {error}") from error
     write_manifest(folder, sealed)

@@ -5,22 +5,24 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from enum import StrEnum
+from itertools import accumulate, islice
 from pathlib import Path
 from typing import Final
 
 from jbclog.core.durable_files import write_whole
 from jbclog.core.errors import RecordError
-from jbclog.core.foreign.files import Kind, read_foreign
+from jbclog.core.foreign.files import LIMITS, Kind, read_foreign
 from jbclog.core.foreign.json_reader import builder, expect_moment, expect_period, expect_year, json_of, read_json
 from jbclog.core.rows import Goal, StationFacts, TipCheck
-from jbclog.record.manifest_counts import expect_counts
+from jbclog.record.manifest_counts import MOST, expect_counts
 from jbclog.record.schema import SCHEMA_VERSION
 
 NAME: Final = "manifest.json"
 MOST_SAID: Final = 500
+ROUND_A_UNIT: Final = 8  # bytes at most around a unit: its comma, line end and indentation
 END: Final = b"\n}\n"
 DIGEST: Final = ',\n "digest": "%s"\n}\n'
 _DIGEST: Final = re.compile(rb',\n "digest": "([0-9a-f]{64})"\n\}\n')
@@ -285,6 +287,28 @@ def manifest_text(manifest: Manifest) -> str:
     """Format a manifest with its digest; what UTF-8 cannot encode (a folder's name in another encoding) becomes a question mark."""
     plain = json.dumps(asdict(manifest), indent=1, ensure_ascii=False, allow_nan=False).encode(errors="replace").decode() + "\n"
     return plain.removesuffix(END.decode()) + DIGEST % hashlib.sha256(plain.encode()).hexdigest()
+
+
+def expect_readable(manifest: Manifest) -> None:
+    """Raise RecordError for a manifest that no reader would take, because a list or the whole is too long."""
+    try:
+        expect_counts(manifest.counts(), manifest.stations)
+    except ValueError as error:
+        raise RecordError(f"too much for one record: {error}") from error
+    size = len(manifest_text(manifest).encode())
+    if size > LIMITS[Kind.MANIFEST]:
+        raise RecordError(f"too much for one record: its manifest has {size} bytes, at most {LIMITS[Kind.MANIFEST]}")
+
+
+def fitting_units(manifest: Manifest, units: list[Unit]) -> list[Unit]:
+    """Return the first units, as many as a manifest with these other parts can have; all stay in the events."""
+    size = len(manifest_text(replace(manifest, units=[])).encode())
+    ends = accumulate(
+        (len(json.dumps(asdict(one), indent=3, ensure_ascii=False).encode(errors="replace")) + ROUND_A_UNIT for one in units),
+        initial=size,
+    )
+    room = sum(end <= LIMITS[Kind.MANIFEST] for end in islice(ends, 1, None))
+    return units[: min(room, MOST["units"])]
 
 
 def manifest_sha256(folder: Path) -> str:

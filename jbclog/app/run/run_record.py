@@ -34,8 +34,7 @@ from jbclog.record.conclude import conclude
 from jbclog.record.folder import create_run, keep_text
 from jbclog.record.ledger import ledger_of
 from jbclog.record.live import SEAL_S, LiveStore, OnFailure
-from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, iso, write_manifest
-from jbclog.record.manifest_counts import expect_counts
+from jbclog.record.manifest import LineFile, Manifest, Metadata, RecipeFile, expect_readable, iso, write_manifest
 from jbclog.record.seal import seal_in_child
 from jbclog.session.run.context import SessionContext
 
@@ -100,9 +99,9 @@ class RunRecord:
 
     def _expect_readable(self) -> None:
         try:
-            expect_counts(self.manifest.counts(), self.manifest.stations)
-        except ValueError as error:
-            raise RecordError(f"too much for one record: {error}. No station was touched") from error
+            expect_readable(self.manifest)
+        except RecordError as error:
+            raise RecordError(f"{error}. No station was touched") from error
 
     def begin(self) -> None:
         """Copy the inputs and begin to take rows. Raises `RecordError`; no station has been touched then."""

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from jbclog.analysis.run import open_run
+from jbclog.core.errors import RecordError
+from jbclog.core.foreign.files import LIMITS, Kind
 from jbclog.record.annotations import append, late_serials, only_unit, units_of
 from jbclog.record.check import check
 from jbclog.record.manifest import Metadata, Unit, iso, read_manifest, write_manifest
@@ -73,3 +77,27 @@ def test_a_serial_may_be_told_late(tmp_path: Path) -> None:
     append(folder, who="A. Rossi", what="SN-7", why="the reader was off", kind="unit.late")
     append(folder, who="A. Rossi", what="SN-8 was scrapped", why="cracked joint")
     assert late_serials(folder) == ["SN-7"]
+
+
+def test_units_beyond_what_a_manifest_can_hold_stay_in_the_events(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that was recorded can be opened, however many serials somebody scanned."""
+    whole = run_with(tmp_path / "whole", [(second, "unit.begin", f"SN-{second}") for second in range(1, 41)])
+    size = (whole / "manifest.json").stat().st_size
+    monkeypatch.setattr("jbclog.record.manifest.LIMITS", {**LIMITS, Kind.MANIFEST: size - 500})
+    folder = run_with(tmp_path / "short", [(second, "unit.begin", f"SN-{second}") for second in range(1, 41)])
+    assert size - 1000 < (folder / "manifest.json").stat().st_size <= size - 500
+    kept = read_manifest(folder).units
+    assert 30 < len(kept) < 40
+    assert kept == units_of(folder)[: len(kept)]
+    assert check(folder) == []
+    write_manifest(folder, replace(read_manifest(folder), units=kept[:-1]))
+    assert any("units: differ" in str(one) for one in check(folder))
+
+
+def test_what_no_reader_would_take_is_not_sealed_and_stays_open(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("jbclog.record.manifest.LIMITS", {**LIMITS, Kind.MANIFEST: 700})
+    with pytest.raises(RecordError, match=r"too much for one record: its manifest has \d+ bytes, at most 700"):
+        run_with(tmp_path, CALM)
+    (folder,) = tmp_path.iterdir()
+    assert read_manifest(folder).state == "open"
+    assert open_run(folder).events()["kind"].tolist().count("unit.begin") == 2
