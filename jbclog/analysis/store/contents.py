@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -12,14 +13,16 @@ import pyarrow as pa
 
 from jbclog import __version__
 from jbclog.analysis.run import Run
-from jbclog.analysis.run_metrics import joints_of, metric_rows_of
+from jbclog.analysis.run_metrics import joints_and_metrics, joints_of, metric_rows_of
 from jbclog.analysis.store.identity import Identity
 from jbclog.analysis.store.schema import DATA, OWN, RECORD, RUNS, schema_of
+from jbclog.analysis.stored_tables import stored_joints, stored_metrics
 from jbclog.core.foreign.files import Kind, read_foreign
 from jbclog.record.annotations import NAME as ANNOTATIONS
 from jbclog.record.find_runs import Found
 from jbclog.record.folder import recipe_copy
 from jbclog.record.manifest import NAME as MANIFEST
+from jbclog.record.manifest import manifest_sha256
 
 SMALL_FILES: Final = {MANIFEST: Kind.MANIFEST, ANNOTATIONS: Kind.ANNOTATIONS, "line.toml": Kind.SETTINGS}
 """Files that a store keeps whole, beside the copies of the recipes."""
@@ -45,11 +48,20 @@ def rows_of(run: Run, table: str) -> Iterator[pa.Table]:
 
 def _computed(run: Run, table: str) -> pa.Table:
     schema = OWN[table]
-    if table == "joints":
-        return joints_of(run)
-    if table == "metrics":
-        return pa.Table.from_pylist([asdict(row) for row in metric_rows_of(run)], schema=schema)
+    if table in ("joints", "metrics"):
+        joints, metrics = _measured(run)
+        return joints if table == "joints" else pa.Table.from_pylist(metrics, schema=schema)
     return pa.Table.from_pandas(run.units() if table == "units" else run.alarms(), schema=schema, preserve_index=False)
+
+
+@lru_cache(maxsize=1)  # for the two tables of one run
+def _measured(run: Run) -> tuple[pa.Table, list[dict[str, object]]]:
+    """Return joints and metrics as they are stored; where both are not, from one pass over the samples."""
+    digest = manifest_sha256(run.folder)
+    if stored_joints(run.folder, digest) is None and stored_metrics(run.folder, digest) is None:
+        joints, metrics, _ = joints_and_metrics(run)
+        return joints, metrics
+    return joints_of(run), [asdict(row) for row in metric_rows_of(run)]
 
 
 def stamped(pieces: Iterable[pa.Table], table: str, run: str, publication: str, partition: Partition) -> Iterator[pa.RecordBatch]:

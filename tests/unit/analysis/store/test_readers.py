@@ -150,6 +150,16 @@ def test_a_run_is_read_from_its_own_files(place: Place) -> None:
     assert len([*store.dataset("samples").get_fragments()]) == RUNS
 
 
+def test_a_run_is_looked_up_in_its_own_file(place: Place, home: Path) -> None:
+    """And not among all files of `runs`, of which a large store has thousands. It says the same."""
+    store = Store(place)
+    for one in store.runs():
+        assert len([*store._with_run(one.identity.run).get_fragments()]) == 1
+        assert store.newest(one.identity.run) == one
+    assert len([*store.dataset("runs").get_fragments()]) == RUNS
+    assert store.newest("20260101T000000Z-bench-aaaa") is None
+
+
 def pc_publication(name: str) -> object:
     import pyarrow.compute as pc
 

@@ -311,6 +311,21 @@ def test_an_older_publisher_adds_to_a_store_with_a_column_more(place: Place, tmp
 
 
 @pytest.mark.parametrize("line", ["line 4 = \"tin\" & 'lead'", "Łódź/1:%", "..", None])
+def test_a_run_of_an_odd_line_is_looked_up(place: Place, runs: list[Path], line: str | None) -> None:
+    table = DeltaTable(place.of(RUNS))
+    row = table.to_pyarrow_table(filters=[("run", "=", runs[0].name)])
+    for name, value in (("run", "an odd one"), ("line", line)):
+        row = row.set_column(row.schema.get_field_index(name), row.schema.field(name), pa.array([value], pa.utf8()))
+    write_deltalake(table, row, mode="append")
+    for _ in range(2):
+        found = Store(place).newest("an odd one")
+        assert found is not None
+        assert (found.line, found.month) == (line, "2026-09")
+        assert [one.line for one in Store(place).runs() if one.identity.run == "an odd one"] == [line]
+        compact(place)
+
+
+@pytest.mark.parametrize("line", ["line 4 = \"tin\" & 'lead'", "Łódź/1:%", "..", None])
 def test_odd_names_in_partitions_come_back(tmp_path: Path, line: str | None) -> None:
     place = place_of(tmp_path / "store")
     create_tables(place)
