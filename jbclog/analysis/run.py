@@ -52,29 +52,34 @@ class Run(RunTables):
         """Return a row for each joint: start, end, dwell, depth, recovery, heat, energy, confidence.
 
         Reads `joints.parquet` if `jbclog report` wrote it for this manifest, and searches the samples otherwise. The definition
-        of a joint is in `jbclog/analysis/joints/joints.py`; no column says that a joint is good. Raises `RecordError`.
+        of a joint is in `jbclog/analysis/joints/joints.py`; no column says that a joint is good. Raises `UsageError` for an
+        unknown station, `RecordError`.
         """
         from jbclog.analysis.run_metrics import joints_frame, joints_of
 
+        self.expect_place(station)
         return joints_frame(joints_of(self, station))
 
     def each_joint(self, station: str | None = None, port: int | None = None) -> list[RunJoint]:
         """Return the same joints as objects: the columns as fields, the unit, and the slice of the samples by `samples()`.
 
-        Raises `RecordError`.
+        Raises `UsageError` for an unknown station or port, `RecordError`.
         """
         from jbclog.analysis.run_joints import each_joint
 
+        self.expect_place(station, port)
         return each_joint(self, station, port)
 
     def metrics(self, station: str | None = None) -> pd.DataFrame:
         """Return a row for each metric of each port: `metric, value, unit, n, coverage, resolution, why`.
 
         A metric without a value has the reason in `why`; `metric_definitions` has the meanings. Reads `report.json` if this version
-        of jbclog wrote it for this manifest, and computes the metrics otherwise. Raises `RecordError`.
+        of jbclog wrote it for this manifest, and computes the metrics otherwise. Raises `UsageError` for an unknown
+        station, `RecordError`.
         """
         from jbclog.analysis.run_metrics import metrics_of
 
+        self.expect_place(station)
         return metrics_of(self, station)
 
     @staticmethod
@@ -87,10 +92,12 @@ class Run(RunTables):
     def plot(self, station: str | None = None, port: int | None = None) -> Figure:
         """Draw each port as in the report: temperature with setpoint and alarm limits, power, status, joints, missing data, alarms.
 
-        The x axis has days (UTC). Raises `UsageError` if there are no samples to show.
+        Each panel has one linear scale over its whole range; the x axis has days (UTC). Raises `UsageError` for an unknown station
+        or port, and if there are no samples to show.
         """
         from jbclog.analysis.run_plot import plot
 
+        self.expect_place(station, port)
         return plot(self, station, port)
 
 

@@ -29,7 +29,7 @@ DPI: Final = 130  # of the picture in a notebook
 def plot(run: RunTables, station: str | None = None, port: int | None = None) -> Figure:
     """Return a figure of each port: temperature, power, status, joints, missing data, alarms and errors; days (UTC) on the x axis.
 
-    Raises `UsageError` if there are no samples to show.
+    Each panel has one linear scale over its whole range. Raises `UsageError` if there are no samples to show.
     """
     ports = [(f"{name} port {number}", one) for name, number, one in _traces(run, station, port)]
     if not ports:
@@ -41,7 +41,7 @@ def plot(run: RunTables, station: str | None = None, port: int | None = None) ->
         for height, (title, one, lanes) in zip(heights, drawn, strict=True):
             look: Look = {"fontsize": WIDE.font_pt + 1.5, "weight": "bold", "color": INK, "va": "top"}
             figure.text(3 / WIDE.width_pt, 1 - (top + 4) / sum(heights), title, **look)
-            for axes in draw_at(figure, top + HEADING_PT, one, lanes, WIDE):
+            for axes in draw_at(figure, top + HEADING_PT, one, lanes, WIDE, has_knee=False):
                 axes.set_label(title)
             top += height
     return figure

@@ -187,6 +187,21 @@ class RunTables:
             return None
         return pd.Timestamp(manifest.ended) - pd.Timestamp(manifest.started)
 
+    def expect_place(self, station: str | None, port: int | None = None) -> None:
+        """Raise `UsageError` for a station or port that the run does not have.
+
+        An empty table would read as if nothing was recorded.
+        """
+        if station is None and port is None:
+            return
+        stations = self.stations
+        names = [facts.name for facts in stations]
+        if station is not None and names and station not in names:
+            raise UsageError(f"{self.name} has no station {station!r}; it has {', '.join(names)}")
+        ports = sorted({one for facts in stations if station in (None, facts.name) for one in facts.ports})
+        if port is not None and ports and port not in ports:
+            raise UsageError(f"{station or self.name} has no port {port}; it has {', '.join(map(str, ports))}")
+
     def _manifest_identity(self) -> tuple[int, ...] | None:
         """Return what changes when the manifest's file changes; None if it is missing."""
         try:
@@ -216,7 +231,7 @@ class RunTables:
         """Return a row for each tick, station and port, in recording order.
 
         `start` is included, `stop` is not. A value that was not read is missing; `reasons` has the cause. Raises `UsageError` for
-        an unknown station or column, `RecordError` for a record that cannot be read.
+        an unknown station, port or column, `RecordError` for a record that cannot be read.
         """
         return self._frame(self._select("samples", station, port, start, stop, columns))
 
@@ -237,22 +252,27 @@ class RunTables:
         return (frame(piece) for piece in self._groups(selection) if piece.num_rows)
 
     def events(self, station: str | None = None, start: Moment | None = None, stop: Moment | None = None) -> pd.DataFrame:
-        """Return the event log, oldest first."""
+        """Return the event log, oldest first. Raises as `samples`."""
         return self._frame(self._select("events", station, start=start, stop=stop))
 
     def settings(self, station: str | None = None) -> pd.DataFrame:
-        """Return the outcome of each setting; values are text in the setting's unit."""
+        """Return the outcome of each setting; values are text in the setting's unit. Raises as `samples`."""
         return self._frame(self._select("settings", station))
 
     def counters(self, station: str | None = None) -> pd.DataFrame:
-        """Return the readings of the stations' counters; a failed reading has no value, and its cause in `raw`."""
+        """Return the readings of the stations' counters; a failed reading has no value, and its cause in `raw`.
+
+        Raises as `samples`.
+        """
         return self._frame(self._select("counters", station))
 
     def wire(self, station: str) -> pd.DataFrame:
         """Return the serial capture of a station, oldest first: `time`, `what`, `data` (bytes), `text`.
 
-        Raises `RecordError` for a run without `--wire`. Leaves out damaged stretches, with a warning for each.
+        Leaves out damaged stretches, with a warning for each. Raises `UsageError` for an unknown station, `RecordError` for a run
+        without `--wire`.
         """
+        self.expect_place(station)
         path = wire_path(self.folder, station)
         if not path.is_file():
             raise RecordError(f"{self.folder}: no serial capture of {station}; `jbclog run --wire` records one")
@@ -329,10 +349,8 @@ class RunTables:
         stop: Moment | None = None,
         columns: Sequence[str] | None = None,
     ) -> Selection:
-        """Return a selection. Raises `UsageError` for an unknown station: an empty table would read as if nothing was recorded."""
-        names = [facts.name for facts in self.manifest.stations] if station is not None else []
-        if names and station not in names:
-            raise UsageError(f"{self.name} has no station {station!r}; it has {', '.join(names)}")
+        """Return a selection. Raises `UsageError` for an unknown station, port or column."""
+        self.expect_place(station, port)
         return select(table, columns, station, port, start, stop)
 
     def _groups(self, selection: Selection) -> Iterator[pa.Table]:

@@ -168,9 +168,9 @@ class Runs(Sequence[Run]):
         """Yield the samples of all runs in pieces of at most one row group (some 33 000 rows), `run` as the first column.
 
         Keeps no piece, so a month of 32 stations takes no more memory than an hour; `pd.concat` of the pieces is the whole table.
-        Raises `RecordError` for a run that cannot be read.
+        Leaves out runs without the station. Raises `UsageError` if no run has it, `RecordError` for a run that cannot be read.
         """
-        for run in self:
+        for run in map(self.open, self._with(station)):
             for piece in run.stream("samples", station, port, start, stop, columns):
                 piece.insert(0, "run", run.name)
                 yield piece
@@ -178,9 +178,9 @@ class Runs(Sequence[Run]):
     def metrics(self, station: str | None = None) -> pd.DataFrame:
         """Return the metrics of all runs (`Run.metrics`), `run` and `started` as the first columns.
 
-        Raises `RecordError` for a run that cannot be read.
+        Raises `UsageError` if no run has the station, `RecordError` for a run that cannot be read.
         """
-        found = [(one, self._metric_rows(one, station)) for one in self.found]
+        found = [(one, self._metric_rows(one, station)) for one in self._with(station)]
         table = metric_table([row for _, rows in found for row in rows])
         return _with_runs(table, [(one, len(rows)) for one, rows in found])
 
@@ -207,6 +207,14 @@ class Runs(Sequence[Run]):
             else:
                 yield one, read_here
 
+    def _with(self, station: str | None) -> list[Found]:
+        """Return the runs that have a station. Raises `UsageError` if none has: a table without rows would hide the mistake."""
+        those = [one for one in self.found if station is None or station in one.stations]
+        if not those and self.found:
+            names = sorted({name for one in self.found for name in one.stations})
+            raise UsageError(f"no run has a station {station!r}; there are {', '.join(names)}")
+        return those
+
     def _metric_rows(self, found: Found, station: str | None) -> list[MetricRow]:
         return self.source.metrics(found, METRIC_NAMES, station)
 
@@ -216,10 +224,13 @@ class Runs(Sequence[Run]):
             self.unreadable.append(one)
 
     def joints(self, station: str | None = None) -> pd.DataFrame:
-        """Return the joints of all runs (`Run.joints`), `run` and `started` as the first columns."""
+        """Return the joints of all runs (`Run.joints`), `run` and `started` as the first columns.
+
+        Raises `UsageError` if no run has the station, `RecordError` for a run that cannot be read.
+        """
         from jbclog.analysis.run_metrics import joints_frame, joints_of
 
-        found = [(one, joints_of(self.open(one), station)) for one in self.found]
+        found = [(one, joints_of(self.open(one), station)) for one in self._with(station)]
         table = joints_frame(pa.concat_tables([JOINTS_SCHEMA.empty_table(), *(joints for _, joints in found)]))
         return _with_runs(table, [(one, joints.num_rows) for one, joints in found])
 

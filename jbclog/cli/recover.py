@@ -46,14 +46,11 @@ def recover(
 
 
 def _lines(folder: Path, done: list[Recovery]) -> list[str]:
-    """Return a line for each run that was not finished already, or for the only one."""
+    """Return a line for each run that was not finished already."""
     from jbclog.record.recover import FINISHED
 
-    if len(done) < 2:
-        return [one.text for one in done] or [f"{folder}: no runs"]
     lines = [one.text for one in done if not (one.is_safe and one.text.endswith(FINISHED))]
-    whole = len(done) - len(lines)
-    return lines + [f"{folder}: {whole} run{'s' * (whole > 1)} {FINISHED}"] * bool(whole)
+    return lines or [f"{folder}: {'nothing to recover' if done else 'no runs'}"]
 
 
 def _facts(one: Recovery) -> dict[str, object]:

@@ -100,7 +100,7 @@ def test_the_first_run(bench: Path) -> None:
     assert "Line bench: 4 stations. No byte sent." in done.stdout
     assert "report.html\n" in done.stdout
     assert ": no differences (fingerprint " in done.stdout
-    assert "already finished; nothing was changed." in done.stdout
+    assert "nothing to recover\n" in done.stdout
     first, killed = sorted((bench / "runs").glob("*-bench-*"))
     assert killed.name in done.stdout
     assert (killed / "guard.jsonl").read_text().strip()

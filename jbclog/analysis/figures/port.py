@@ -45,8 +45,11 @@ def height_pt(trace: Trace, lanes: list[Lane], form: Format) -> float:
     return STATE_LANE_PT * len(lanes) + 30 if trace.states else form.height_pt + LANE_PT * len(lanes)
 
 
-def draw_at(figure: Figure, top: float, trace: Trace, lanes: list[Lane], form: Format) -> list[Axes]:
-    """Draw a port into a figure, `top` points below its upper edge, and return the panels, the lowest last."""
+def draw_at(figure: Figure, top: float, trace: Trace, lanes: list[Lane], form: Format, *, has_knee: bool = True) -> list[Axes]:
+    """Draw a port into a figure, `top` points below its upper edge, and return the panels, the lowest last.
+
+    `has_knee`: rare low temperatures may share a coarser part of the scale.
+    """
     panels = _panels(figure, top, trace, lanes, form)
     marks = time_marks(trace.grid.t0_utc_us, trace.start, trace.end, form.time_marks)
     for axes in panels:
@@ -54,7 +57,7 @@ def draw_at(figure: Figure, top: float, trace: Trace, lanes: list[Lane], form: F
         places, labels = trace.dates([second for second, _ in marks]), [label for _, label in marks]
         ticked(axes, places, labels, is_lowest=axes is panels[-1])
     if len(panels) > 1:
-        _temperature(panels[0], trace, form)
+        _temperature(panels[0], trace, form, has_knee=has_knee)
         _power(panels[1], trace, form)
     draw_lanes(panels[-1], lanes, trace, form)
     return panels
@@ -75,8 +78,8 @@ def _known(values: Floats) -> Floats:
     return values[~np.isnan(values)]
 
 
-def _temperature(axes: Axes, trace: Trace, form: Format) -> None:
-    _scale(axes, trace)
+def _temperature(axes: Axes, trace: Trace, form: Format, *, has_knee: bool) -> None:
+    _scale(axes, trace, has_knee=has_knee)
     _ground(axes, trace, form)
     _joints(axes, trace, form)
     _curve(axes, trace, trace.temperature, form, (style.TEMPERATURE, style.TEMPERATURE_BAND, "temperature"))
@@ -86,12 +89,12 @@ def _temperature(axes: Axes, trace: Trace, form: Format) -> None:
     labelled(axes, labels, form.font_pt)
 
 
-def _scale(axes: Axes, trace: Trace) -> None:
-    """Set a scale that contains readings, settings and limits; its part below a knee is coarser."""
+def _scale(axes: Axes, trace: Trace, *, has_knee: bool) -> None:
+    """Set a scale that contains readings, settings and limits; its part below a knee, if it may have one, is coarser."""
     external = np.empty(0) if trace.air is None else _known(trace.air.external)
     lines = [external, _known(trace.setting), *(np.array(limit.celsius) for limit in trace.limits)]
     low, high = _range([trace.temperature, *lines], least=20)
-    knee = _knee(np.concatenate([trace.temperature, external]), lines[1:], low, high)
+    knee = _knee(np.concatenate([trace.temperature, external]), lines[1:], low, high) if has_knee else None
     axes.set_ylim(low, high)
     if knee is not None:
         axes.set_yscale("function", functions=_bent(low, knee, high))

@@ -13,11 +13,11 @@ import pytest
 import jbclog
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.record.conclude import conclude
-from jbclog.record.manifest import Manifest
+from jbclog.record.manifest import Manifest, Metadata
 from jbclog.record.recover import recover
 from jbclog.record.schema import SCHEMAS
 from jbclog.record.seal import seal_rows
-from support.records import few_rows, small_run
+from support.records import event_run, few_rows, small_run
 
 
 @pytest.fixture(scope="module")
@@ -64,11 +64,21 @@ def test_by_station_and_port(run: jbclog.Run) -> None:
     assert len(run.counters("ale-1")) == 2 * 5
 
 
-def test_an_unknown_station_is_an_error_with_the_known_ones(run: jbclog.Run) -> None:
+@pytest.mark.parametrize(
+    "method", ["samples", "stream", "events", "settings", "counters", "wire", "joints", "each_joint", "metrics", "plot"]
+)
+def test_an_unknown_station_is_an_error_with_the_known_ones(run: jbclog.Run, method: str) -> None:
+    named = {"station": "nobody"}
     with pytest.raises(UsageError, match="has no station 'nobody'; it has ale-1, dde-1"):
-        run.samples("nobody")
-    with pytest.raises(UsageError, match="has no station 'nobody'"):
-        next(run.stream(station="nobody"))
+        getattr(run, method)(**named)
+
+
+@pytest.mark.parametrize("method", ["samples", "stream", "each_joint", "plot"])
+def test_an_unknown_port_is_an_error_with_the_known_ones(run: jbclog.Run, method: str) -> None:
+    with pytest.raises(UsageError, match="dde-1 has no port 7; it has 1, 2"):
+        getattr(run, method)(station="dde-1", port=7)
+    with pytest.raises(UsageError, match="has no port 7; it has 1, 2"):
+        getattr(run, method)(port=7)
 
 
 @pytest.mark.parametrize("zone", ["", "Z", "+00:00"])
@@ -213,6 +223,7 @@ def test_times_can_be_marked_in_the_plot(run: jbclog.Run) -> None:
     assert abs((stop - times.iloc[-1]).total_seconds()) < 1
 
 
-def test_nothing_to_plot(run: jbclog.Run) -> None:
+def test_nothing_to_plot(tmp_path: Path) -> None:
+    run = jbclog.open_run(event_run.run_with(tmp_path, [], Metadata()))
     with pytest.raises(UsageError, match="no samples"):
-        run.plot("dde-1", 4)
+        run.plot()

@@ -99,6 +99,13 @@ def test_metrics_and_joints_name_their_run(home: Path) -> None:
     assert len(jbclog.open_runs(home, order="none").joints()) == 0
 
 
+def test_a_station_that_no_run_has_is_an_error(home: Path) -> None:
+    runs = jbclog.open_runs(home)
+    for read in (runs.metrics, runs.joints, lambda name: next(runs.samples(name))):
+        with pytest.raises(UsageError, match="no run has a station 'nobody'; there are .*dde-1"):
+            read("nobody")
+
+
 def test_metrics_of_a_report_are_those_of_the_run_without_opening_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder = small_run.make_run(tmp_path, 5.0)
     computed = jbclog.open_runs(tmp_path).metrics()

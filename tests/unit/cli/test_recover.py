@@ -1,4 +1,4 @@
-"""`jbclog recover` on a folder of runs: a line for each that it finished, and a number for those that were finished already."""
+"""`jbclog recover` on a folder of runs: a line for each that it finished, and silence about those that were finished already."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ def shown(folder: Path) -> list[str]:
     return ended.stdout.splitlines()
 
 
-def test_runs_that_were_finished_are_only_counted(tmp_path: Path) -> None:
+def test_finished_runs_are_not_mentioned(tmp_path: Path) -> None:
+    assert shown(tmp_path) == [f"{tmp_path}: no runs"]
     first = abandoned(tmp_path)
-    assert shown(tmp_path)[0].startswith(f"{first.name}: recovered")
+    (line,) = shown(tmp_path)
+    assert line.startswith(f"{first.name}: recovered")
     second = abandoned(tmp_path)
-    assert [line.partition(", ")[0] for line in shown(tmp_path)] == [
-        f"{second.name}: recovered",
-        f"{tmp_path}: 1 run already finished; nothing was changed.",
-    ]
-    assert shown(tmp_path) == [f"{tmp_path}: 2 runs already finished; nothing was changed."]
-    assert shown(first) == [f"{first.name}: already finished; nothing was changed."]
+    (line,) = shown(tmp_path)
+    assert line.startswith(f"{second.name}: recovered")
+    assert shown(tmp_path) == [f"{tmp_path}: nothing to recover"]
+    assert shown(first) == [f"{first}: nothing to recover"]

@@ -11,10 +11,11 @@ import pandas as pd
 import pytest
 from matplotlib.patches import PathPatch
 
-from jbclog.analysis.figures.canvas import svg_text
+from jbclog.analysis.figures.canvas import new_figure, svg_text
 from jbclog.analysis.figures.curves import Span
 from jbclog.analysis.figures.from_samples import trace
-from jbclog.analysis.figures.port import draw
+from jbclog.analysis.figures.lanes import lanes_of
+from jbclog.analysis.figures.port import draw, draw_at, height_pt
 from jbclog.analysis.figures.style import HATCHES, NARROW, WIDE, Format
 from jbclog.analysis.figures.ticks import round_values, spread
 from jbclog.analysis.figures.trace import Grid, Limit, Mark, MarkKind, Trace
@@ -61,6 +62,15 @@ def test_the_coarser_scale_loses_nothing_and_says_so() -> None:
     heights = axes.transData.transform([(axes.get_xlim()[0], celsius) for celsius in (25, 100, 300, 340, 350, 360)])[:, 1]
     assert (np.diff(heights) > 0).all()
     assert heights[1] - heights[0] < 0.5 * (heights[4] - heights[3]) * 75 / 10
+
+
+def test_a_figure_for_a_notebook_has_one_scale_a_panel() -> None:
+    one = port(20_000)
+    lanes = lanes_of(one, WIDE)
+    figure = new_figure(WIDE.width_pt, height_pt(one, lanes, WIDE))
+    axes = draw_at(figure, 0.0, one, lanes, WIDE, has_knee=False)[0]
+    assert (axes.get_yscale(), "coarser scale" in texts(figure)) == ("linear", False)
+    assert axes.get_ylim()[0] < 25
 
 
 def test_the_setting_is_drawn_where_it_was_read_and_joined_only_where_it_stood_still() -> None:
