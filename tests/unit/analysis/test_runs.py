@@ -102,7 +102,7 @@ def test_metrics_and_joints_name_their_run(home: Path) -> None:
 def test_a_station_that_no_run_has_is_an_error(home: Path) -> None:
     runs = jbclog.open_runs(home)
     for read in (runs.metrics, runs.joints, lambda name: next(runs.samples(name))):
-        with pytest.raises(UsageError, match="no run has a station 'nobody'; there are .*dde-1"):
+        with pytest.raises(UsageError, match=r"no run has a station 'nobody'; there are .*dde-1"):
             read("nobody")
 
 
