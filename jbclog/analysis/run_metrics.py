@@ -144,16 +144,17 @@ def _measured(run: RunTables, station: str | None) -> Iterator[MeasuredPort]:
     selected = [facts for facts in stations_of(run) if station in (None, facts.name)]
     for with_feeder, stations in groupby(selected, has_feeder):
         if with_feeder:
+            every = run.settings(), run.counters()
             for facts in stations:
-                yield from _as_a_whole(run, facts)
+                yield from _as_a_whole(run, facts, *(table[table["station"] == facts.name] for table in every))
         else:
             for some in at_once(list(stations), lambda facts: len(facts.ports), MOST_PORTS):
                 yield from _in_windows(run, some)
 
 
-def _as_a_whole(run: RunTables, facts: StationFacts) -> Iterator[MeasuredPort]:
+def _as_a_whole(run: RunTables, facts: StationFacts, settings: pd.DataFrame, counters: pd.DataFrame) -> Iterator[MeasuredPort]:
     """Measure the ports of a station with a feeder."""
-    for port, series, wire, utc_us in _whole_ports(run, facts):
+    for port, series, wire, utc_us in _whole_ports(run, facts, settings, counters):
         measured = measure_port(series, kind_of(facts), wire, _parameters(run, facts))
         yield MeasuredPort(facts, port, measured, _moments(series.seconds, utc_us, measured.joints))
 
@@ -201,9 +202,11 @@ def _moments(seconds: Floats, utc_us: Counts, joints: Sequence[Joint]) -> Moment
     return dict(zip(edges, utc_us[places].tolist(), strict=True)) if edges else {}
 
 
-def _whole_ports(run: RunTables, facts: StationFacts) -> Iterator[tuple[int, Series, Wire, Counts]]:
+def _whole_ports(
+    run: RunTables, facts: StationFacts, settings: pd.DataFrame, counters: pd.DataFrame
+) -> Iterator[tuple[int, Series, Wire, Counts]]:
     """Yield each port of a station with a feeder: its number, all its rows, the feeder's counter, and the UTC of the rows."""
-    reader, counters, settings = _reader(run, [facts]), run.counters(facts.name), run.settings(facts.name)
+    reader = _reader(run, [facts])
     for key, (series, utc_us) in reader.whole().items():
         port, clock, counted = key[1], reader.clock(key), counters[counters["port"] == key[1]]
         cycles, ordered_s = _cycles(counted, utc_us, series.seconds), _ordered_s(facts, settings, port, clock)

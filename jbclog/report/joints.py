@@ -53,6 +53,7 @@ class Joints:
     metrics: list[Row]
     units: list[str | None]
     taken: list[Row]
+    by_port: Mapping[tuple[object, object], dict[str, Row]]  # the metrics of each port by their names
 
     def of_port(self, station: str, port: int) -> pa.Table:
         """Return the joints of one port."""
@@ -60,7 +61,7 @@ class Joints:
 
     def metrics_of(self, station: str, port: int) -> dict[str, Row]:
         """Return the metrics of one port by their names."""
-        return {str(row["metric"]): row for row in self.metrics if row["station"] == station and row["port"] == port}
+        return self.by_port.get((station, port), {})
 
     def rows(self) -> Iterator[Row]:
         """Yield a row for each joint with its unit, for spreadsheets; a few thousand of them are in memory at once."""
@@ -76,7 +77,10 @@ def joints_of(run: Run) -> Joints:
     table, metrics, taken = joints_and_metrics(run)
     units = run.unit_at(pd.Series(table["start"].to_pandas())).tolist() if table.num_rows else []
     serials = [None if pd.isna(serial) else str(serial) for serial in units]
-    return Joints(table, joints_parquet(table, manifest_sha256(run.folder)), metrics, serials, taken)
+    by_port: dict[tuple[object, object], dict[str, Row]] = {}
+    for row in metrics:
+        by_port.setdefault((row["station"], row["port"]), {})[str(row["metric"])] = row
+    return Joints(table, joints_parquet(table, manifest_sha256(run.folder)), metrics, serials, taken, by_port)
 
 
 def joint_facts(found: Joints, station: str, port: int, file: str, *, crowded: bool = False) -> JointFacts | None:

@@ -280,11 +280,11 @@ def test_an_energy_with_a_gap_is_not_known_anywhere(tmp_path: Path) -> None:
 def test_a_unit_with_joints_without_recovery_has_no_slowest_and_no_flattering_median() -> None:
     rows = [(1.2, 1.2, True), (1.4, 1.4, True), (None, 1.8, False), (None, 1.8, False), (None, None, None)]
     columns = {name: [row[number] for row in rows] for number, name in enumerate(("recovery_s", "had_s", "recovered"))}
-    found = Joints(pa.table(columns), b"", [], ["SN-1"] * 5, [])
+    found = Joints(pa.table(columns), b"", [], ["SN-1"] * 5, [], {})
     (unit,) = unit_rows(found)
     assert (unit["joints"], unit["recovery_n"], unit["not_recovered"]) == (5, 2, 2)
     assert (unit["recovery_p50_s"], unit["recovery_slowest_s"]) == (1.4, None)
-    (quick,) = unit_rows(Joints(pa.table(columns)[:2], b"", [], ["SN-1"] * 2, []))
+    (quick,) = unit_rows(Joints(pa.table(columns)[:2], b"", [], ["SN-1"] * 2, [], {}))
     assert (quick["not_recovered"], quick["recovery_slowest_s"]) == (0, 1.4)
 
 
