@@ -89,7 +89,7 @@ class BatchStore:
             raise FileNotFoundError(errno.ENOENT, "it was removed")
         if self._db is None:
             if self.path.is_symlink() or self.path.exists():
-                expect_regular(self.path, Kind.STORE)
+                expect_regular(self.path, Kind.JOURNAL)
             db = open_database(self.path, only_reads=False, busy_s=BUSY_S)
             try:
                 if not db.expect_tables(COLUMNS):

@@ -200,6 +200,16 @@ def test_a_store_that_is_damaged_stops_everything(tmp_path: Path) -> None:
         newest(tmp_path, MEANS.utc)
 
 
+def test_a_store_that_is_larger_than_any_batch_stops_everything(tmp_path: Path) -> None:
+    """A million entries (256 MB) took 62 s and 1.5 GB."""
+    journal = begun(tmp_path, Entry("", EntryKind.BEGIN, ""), EXECUTION, START, END)
+    journal.store.close()
+    with (journal.folder / NAME).open("r+b") as file:
+        file.truncate((64 << 20) + 1)
+    with pytest.raises(RecordError, match=r"has 67108865 bytes; a batch's journal has at most 67108864"):
+        newest(tmp_path, MEANS.utc)
+
+
 def test_a_store_that_was_removed_takes_no_more_entries(tmp_path: Path) -> None:
     journal = begun(tmp_path, EXECUTION)
     (journal.folder / NAME).unlink()
