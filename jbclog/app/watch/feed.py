@@ -109,4 +109,4 @@ def _queue(queues: Sequence[BatchQueue]) -> Json:
 
 
 def _station(station: StationState) -> Json:
-    return {"name": station.name, "settings": words.setting_lines(station), "counters": words.counter_lines(station)}
+    return {"name": station.name, "settings": words.setting_rows(station), "counters": words.counter_rows(station)}

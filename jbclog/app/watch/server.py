@@ -60,6 +60,7 @@ UPLOT: Final = Path(__file__).parents[2] / "report" / "vendor" / "uplot"
 FILES: Final = {
     "/": (HOME / "watch.html", "text/html"),
     "/watch.css": (HOME / "watch.css", "text/css"),
+    "/trace.js": (HOME / "trace.js", "text/javascript"),
     "/watch.js": (HOME / "watch.js", "text/javascript"),
     "/uplot.css": (UPLOT / "uPlot.min.css", "text/css"),
     "/uplot.js": (UPLOT / "uPlot.iife.min.js", "text/javascript"),

@@ -22,7 +22,6 @@ from jbclog.core.outcome import Exit
 from jbclog.core.rows import Severity
 from jbclog.core.text import clean
 from jbclog.live import PortState, RunState, StationState
-from jbclog.live.sample_history import HOUR_S
 
 EVERY_S: Final = 0.5
 TILE: Final = 38  # columns
@@ -114,8 +113,8 @@ class StationScreen(Screen[None]):
         self.query_one("#ports", Static).update(
             Content("\n\n".join(_port_text(port, width, shows_hour=self.shows_hour) for port in station.ports))
         )
-        self._show_table("#settings", words.setting_lines(station))
-        self._show_table("#counters", words.counter_lines(station))
+        self._show_table("#settings", words.columns(words.setting_rows(station)))
+        self._show_table("#counters", words.columns(words.counter_rows(station)))
 
     def _show_table(self, place: str, lines: list[str]) -> None:
         table = self.query_one(place, Static)
@@ -263,7 +262,6 @@ def _station_line(station: StationState) -> str:
 def _port_text(port: PortState, width: int, *, shows_hour: bool) -> str:
     """A port with the plot of its last minute or hour."""
     lines = words.port_lines(port, width)
-    span = (port.hour, width, PLOT_LINES, HOUR_S) if shows_hour else (port.trace, width, PLOT_LINES)
-    lines[3:4] = words.plot(*span)
+    lines[3:4] = words.hour_plot(port, width, PLOT_LINES) if shows_hour else words.plot(port.trace, width, PLOT_LINES)
     why = words.joints_why(port.joints)
     return "\n".join([f"{words.port_name(port)}: {str(port.condition).upper()}", *lines, *([why] if why else [])])

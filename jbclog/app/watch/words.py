@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from bisect import bisect_left
 from collections.abc import Sequence
 from typing import Final
 
@@ -22,7 +23,7 @@ from jbclog.live import (
     StationState,
     Trace,
 )
-from jbclog.live.sample_history import TRACE_S
+from jbclog.live.sample_history import HOUR_S, TRACE_S
 
 SEVERITIES: Final = (Severity.INFO, Severity.WARNING, Severity.ERROR, Severity.CRITICAL)
 BLOCKS: Final = "▁▂▃▄▅▆▇█"
@@ -131,16 +132,16 @@ def event_line(numbered: NumberedEvent) -> str:
     return clean(f"{moment}  {event.severity.value:8}  {place}: {text}")
 
 
-def setting_lines(station: StationState) -> list[str]:
-    """The settings of a station as a table; no lines where none was read."""
+def setting_rows(station: StationState) -> list[list[str]]:
+    """The settings of a station: heads, then a row for each; empty where none was read."""
     rows = [(one.name, _cell(one.port), _cell(one.tool), one.value or "unknown", one.unit, one.outcome) for one in station.settings]
-    return _table(("setting", "port", "tool", "value", "unit", "outcome"), rows)
+    return _rows(("setting", "port", "tool", "value", "unit", "outcome"), rows)
 
 
-def counter_lines(station: StationState) -> list[str]:
-    """The counters of a station as a table; no lines where none was read."""
+def counter_rows(station: StationState) -> list[list[str]]:
+    """The counters of a station: heads, then a row for each; empty where none was read."""
     rows = [(one.name, _cell(one.port), _number(one), one.unit) for one in station.counters]
-    return _table(("counter", "port", "value", "unit"), rows)
+    return _rows(("counter", "port", "value", "unit"), rows)
 
 
 def _number(counter: Counter) -> str:
@@ -151,18 +152,19 @@ def _cell(value: object) -> str:
     return "" if value is None else str(value)
 
 
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    return _columns([heads, *([clean(cell) for cell in row] for row in rows)] if rows else [])
+def _rows(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[list[str]]:
+    return [list(heads), *([clean(cell) for cell in row] for row in rows)] if rows else []
 
 
-def _columns(lines: Sequence[Sequence[str]]) -> list[str]:
+def columns(lines: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of cells as lines, each column as wide as its widest cell."""
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     return ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines]
 
 
 def queue_lines(queues: Sequence[BatchQueue]) -> list[str]:
     """Each batch that runs: how far it has come, and its jobs as a table without heads."""
-    return [line for queue in queues for line in (clean(queue.text), *_columns([tuple(map(clean, one)) for one in queue.jobs]))]
+    return [line for queue in queues for line in (clean(queue.text), *columns([tuple(map(clean, one)) for one in queue.jobs]))]
 
 
 def zone_text() -> str:
@@ -184,6 +186,8 @@ def sparkline(trace: Trace, width: int) -> str:
 def plot(trace: Trace, width: int, height: int, span_s: float = TRACE_S) -> list[str]:
     """Draw the temperature of the last seconds in lines of blocks, with its range at the left and its time below."""
     means = _means(trace, width - LABEL, span_s)
+    if span_s > TRACE_S:
+        means[-1:] = trace.temperature_c[-1:]
     if not any(mean is not None for mean in means):
         return [f"no reading in the last {'minute' if span_s == TRACE_S else 'hour'}"]
     low, high = _range(means)
@@ -194,6 +198,25 @@ def plot(trace: Trace, width: int, height: int, span_s: float = TRACE_S) -> list
         lines.append(f"{label:>{LABEL - 1}} " + "".join(_block(step, line) for step in steps))
     seconds = f"-{span_s:.0f} s" if span_s <= TRACE_S else f"-{span_s / 60:.0f} min"
     return [*lines, " " * LABEL + seconds + "now".rjust(max(width - LABEL - len(seconds), 4))]
+
+
+def hour_plot(port: PortState, width: int, height: int) -> list[str]:
+    """Draw the last hour as `plot` does; its last column is the newest reading, so that no mean hides what is now."""
+    trace = _hour_to_now(port)
+    if trace.last_s - min(trace.seconds, default=trace.last_s) < max(TRACE_S, 2 * HOUR_S / max(width - LABEL, 1)):
+        return ["too short yet for an hour's plot; `h` shows the last minute"]
+    return plot(trace, width, height, HOUR_S)
+
+
+def _hour_to_now(port: PortState) -> Trace:
+    """The hour's means up to the begin of the last minute, then that minute as it was read."""
+    old, new = port.hour, port.trace
+    count = bisect_left(old.seconds, new.seconds[0]) if new.seconds else len(old.seconds)
+    return Trace(
+        old.seconds[:count] + new.seconds,
+        old.temperature_c[:count] + new.temperature_c,
+        old.power_permille[:count] + new.power_permille,
+    )
 
 
 def _block(step: int | None, line: int) -> str:

@@ -81,7 +81,7 @@ def station(name: str, *ports: PortState, **more: object) -> StationState:
 def run(folder: Path = Path("runs/20261123T060000Z-bench-3-k7qd"), phase: Phase = Phase.RECORDING) -> RunState:
     dde = station(
         "dde-1",
-        port(1, Condition.NORMAL, known(349), hour=hour()),
+        port(1, Condition.NORMAL, known(349), trace=trace(depth=20, last_s=3600.0), hour=hour()),
         port(2, Condition.ALARM, known(392), alarms=("T 392 °C is above the limit of 380 °C.",), joints=Joints(96, 96, 190.0)),
         settings=(
             Setting(1, "T210", "temperature_select_c", "350", "°C", "confirmed"),

@@ -4,6 +4,7 @@
   const SEVERITIES = ["info", "warning", "error", "critical"];
   const SILENT_MS = 5000; // without a message for so long nothing on the page is known any more
   const TRACE_S = 60, SPAN_C = 5, DRAW_MS = 400, HOUR_MS = 5000, RETRY_MS = 2000;
+  const NONE = { seconds: [], temperature: [], power: [] };
   const find = (id) => document.getElementById(id);
   const tiles = new Map(); // by key: elements, trace, last message
   let last = null, heard = performance.now(), open = null, plot = null, drawn = 0, hour = null, asked = 0;
@@ -123,6 +124,7 @@
     document.body.classList.remove("lost");
     if (message.trouble) { put(find("status"), message.trouble); document.body.dataset.worst = "stale"; return; }
     if (message.whole) for (const tile of tiles.values()) tile.trace.seconds.length = tile.trace.temperature.length = tile.trace.power.length = 0;
+    if (last && last.folder !== message.folder) { hour = null; if (open) plot.whole(); find("span").value = "minute"; }
     last = message;
     put(find("run"), message.run);
     put(find("status"), message.status || "");
@@ -142,6 +144,7 @@
     document.body.classList.add("lost");
     document.body.dataset.worst = "stale";
     put(find("status"), text);
+    put(find("detail-state"), text); // it may cover the line at the top
     document.title = "NO CONNECTION – jbclog watch";
     for (const tile of tiles.values()) {
       tile.box.dataset.condition = "stale";
@@ -174,10 +177,14 @@
 
   // -- a port in detail --------------------------------------------------------------------------------------------------
 
-  const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  const trace = () => (hour === null ? tiles.get(open).trace : hour);
-  const data = () => { const { seconds, temperature, power } = trace(); return [seconds.slice(), temperature.slice(), power.slice()]; };
-  const before = (seconds) => (Math.abs(seconds) < 120 ? `${seconds.toFixed(0)} s` : `${(seconds / 60).toFixed(0)} min`);
+  const trace = () => (tiles.get(open) || { trace: NONE }).trace;
+  const now = () => trace().seconds[trace().seconds.length - 1] || 0;
+  function data() { // the hour's means end where the minute begins: none hides what is now
+    const { seconds, temperature, power } = trace(), old = hour || NONE;
+    const from = seconds.length ? seconds[0] : Infinity, found = old.seconds.findIndex((one) => one >= from);
+    const count = found < 0 ? old.seconds.length : found;
+    return [[old.seconds, seconds], [old.temperature, temperature], [old.power, power]].map(([one, more]) => one.slice(0, count).concat(more));
+  }
 
   async function showSpan() { // the hour is asked for while somebody looks at it
     const key = open, isHour = find("span").value === "hour";
@@ -191,7 +198,7 @@
     if (open !== key || (find("span").value === "hour") !== isHour) return;
     const isOther = (hour === null) !== (found === null);
     hour = found;
-    if (isOther) plot.setData(data(), true);
+    if (isOther) plot.whole();
     refresh();
   }
   find("span").addEventListener("change", showSpan);
@@ -201,28 +208,27 @@
     hour = null;
     find("span").value = "minute";
     find("detail").showModal();
-    const axis = { stroke: colour("--ink"), grid: { stroke: colour("--line") }, ticks: { stroke: colour("--line") } };
-    const end = () => { const { seconds } = trace(); return seconds[seconds.length - 1] || 0; };
-    plot = new uPlot({
-      width: Math.max(find("plot").clientWidth, 200), height: 280, legend: { show: false },
-      scales: { x: { time: false }, power: { range: [0, 100] } },
-      axes: [
-        { ...axis, values: (_, ticks) => ticks.map((tick) => before(tick - end())) },
-        { ...axis, values: (_, ticks) => ticks.map((tick) => `${tick} °C`), size: 70 },
-        { ...axis, scale: "power", side: 1, values: (_, ticks) => ticks.map((tick) => `${tick} %`), grid: { show: false }, size: 60 },
-      ],
-      series: [{}, { stroke: colour("--trace"), width: 2 }, { stroke: colour("--power"), width: 1, scale: "power", dash: [4, 3] }],
-      hooks: { setCursor: [read] },
-    }, data(), find("plot"));
+    plot = tracePlot(data, now);
     refresh();
   }
 
-  function read(view) {
-    const place = view.cursor.idx;
-    if (place === null || place === undefined) { put(find("cursor"), ""); return; }
-    const [seconds, temperature, power] = view.data, end = seconds[seconds.length - 1];
-    const text = (value, unit) => (value === null || value === undefined ? "not read" : `${value} ${unit}`);
-    put(find("cursor"), `${hour === null ? `${(seconds[place] - end).toFixed(1)} s` : before(seconds[place] - end)}: ${text(temperature[place], "°C")}, ${text(power[place], "%")}`);
+  function showTable(part, rows) {
+    const state = JSON.stringify(rows);
+    if (part.dataset.state === state) return;
+    part.dataset.state = state;
+    part.replaceChildren();
+    if (!rows.length) { make("p", part).textContent = "none read"; return; }
+    const table = make("table", part), head = make("tr", make("thead", table)), body = make("tbody", table);
+    for (const name of rows[0]) { const cell = make("th", head); cell.scope = "col"; cell.textContent = name; }
+    for (const row of rows.slice(1)) {
+      const line = make("tr", body);
+      row.forEach((text, place) => {
+        const cell = make(place ? "td" : "th", line, text ? "" : "empty");
+        if (!place) cell.scope = "row";
+        if (rows[0][place] === "port") cell.dataset.head = "port ";
+        cell.textContent = text;
+      });
+    }
   }
 
   function refresh() {
@@ -231,36 +237,23 @@
     const { port } = tile, station = last.stations.find((one) => one.name === port.station) || { settings: [], counters: [] };
     put(find("detail-name"), port.name);
     put(find("detail-state"), [port.condition.toUpperCase(), port.now, `set ${port.set}`, `power ${port.power}`, port.joints_why || port.joints, ...port.wrong].join(" · "));
-    put(find("settings"), station.settings.join("\n") || "none read");
-    put(find("counters"), station.counters.join("\n") || "none read");
+    showTable(find("settings"), station.settings);
+    showTable(find("counters"), station.counters);
     if (hour !== null && performance.now() - asked > HOUR_MS) showSpan();
-    const seconds = plot.data[0], { min, max } = plot.scales.x;
-    const isZoomed = seconds.length > 0 && min !== null && (min > seconds[0] + 0.01 || max < seconds[seconds.length - 1] - 0.01);
-    plot.setData(data(), !isZoomed);
-    find("plot").dataset.points = String(plot.data[0].length);
-    if (min !== null) find("plot").dataset.window = `${min} ${max}`;
+    plot.refresh();
   }
 
   find("detail").addEventListener("close", () => {
     if (plot) plot.destroy();
     const tile = tiles.get(open);
     plot = open = hour = null;
-    put(find("cursor"), "");
     if (tile) tile.button.focus();
   });
   find("close").addEventListener("click", () => find("detail").close());
-  find("plot").addEventListener("keydown", (event) => {
-    const step = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
-    if (!plot || step === undefined) return;
-    event.preventDefault();
-    const count = plot.data[0].length, from = plot.cursor.idx === null || plot.cursor.idx === undefined ? count - 1 : plot.cursor.idx + step;
-    const place = Math.min(Math.max(from, 0), count - 1);
-    plot.setCursor({ left: plot.valToPos(plot.data[0][place], "x"), top: 10 });
-  });
   find("severity").addEventListener("change", () => { if (last) showEvents(); });
   window.addEventListener("resize", () => {
     tiles.forEach(drawLine);
-    if (plot) plot.setSize({ width: Math.max(find("plot").clientWidth, 200), height: 280 });
+    if (plot) plot.resize();
   });
 
   function connect() {

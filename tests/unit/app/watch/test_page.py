@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
@@ -14,7 +15,7 @@ import axe_core_python
 import pytest
 
 from jbclog.core.rows import EventRow, Severity
-from jbclog.live import Condition, Coverage, Follower, NumberedEvent, PortState, RunState
+from jbclog.live import Condition, Coverage, Follower, NumberedEvent, PortState, RunState, Trace
 from jbclog.report.write import write_report
 from support import program
 from support.readers.browser import PROGRAM, Chromium, Page, chromium
@@ -24,7 +25,7 @@ from support.virtual.watched_page import Served, page
 
 pytestmark = pytest.mark.skipif(PROGRAM is None, reason="chromium is not installed")
 
-LOADED = {"", "uplot.css", "watch.css", "uplot.js", "watch.js", "events", "favicon.ico"}
+LOADED = {"", "uplot.css", "watch.css", "uplot.js", "trace.js", "watch.js", "events", "favicon.ico"}
 TILE = "document.querySelectorAll('article')[{}]"
 
 
@@ -129,16 +130,184 @@ def test_the_last_hour_of_a_port(browser: Chromium) -> None:
             "(() => {{ const one = document.getElementById('span'); one.value = '{}'; one.dispatchEvent(new Event('change')); }})()"
         )
         opened.js(choose.format("hour"))
-        opened.until("document.querySelector('#plot').dataset.points === '720'")
+        opened.until("document.querySelector('#plot').dataset.points === '1309'")  # 708 means, then the minute as it was read
         opened.js("document.getElementById('plot').focus()")
         opened.key("ArrowLeft")
         opened.key("ArrowLeft")
-        assert text(opened, "#cursor") == "-5 s: 350 °C, 10 %"
+        assert text(opened, "#cursor").startswith("-0.1 s: 336.6")
+        left, top, width, height = opened.place("#plot .u-over")
+        opened.hover(left + width * 0.25, top + height / 2)
+        assert re.fullmatch(r"-4[45] min \d+ s: 300 °C, 10 %", text(opened, "#cursor"))
         opened.js(choose.format("minute"))
         opened.until("document.querySelector('#plot').dataset.points === '601'")
         opened.js("document.getElementById('close').click()")
         assert opened.js("fetch('hour?port=none').then(answer => answer.status)") == 404
         assert [one for one in opened.said if "404" not in one] == []
+        opened.close()
+
+
+def going_on(began: float, lasted_s: float = 60.0) -> Callable[[], RunState]:
+    """A run whose first port gains ten rows a second; each temperature is its row's own number of tenths of a second."""
+    run = live_states.run()
+
+    def now() -> RunState:
+        rows = round((time.monotonic() - began) * 10) + round(lasted_s * 10)
+        first = max(rows - 600, 0)
+        numbers = range(first, rows + 1)
+        seconds = tuple(number / 10 for number in numbers)
+        hour = Trace(*[tuple(2.5 + 5 * one for one in range(max(rows // 50 - 1, 0)))] * 2, (10.0,) * max(rows // 50 - 1, 0))
+        one = replace(run.ports[0], trace=Trace(seconds, seconds, (100,) * len(numbers)), hour=hour)
+        return replace(run, stations=(replace(run.stations[0], ports=(one,)),))
+
+    return now
+
+
+WHERE = """(() => {
+  const x = (one) => new DOMMatrix(getComputedStyle(one).transform).e;
+  const over = document.querySelector('#plot .u-over');
+  return [x(over.querySelector('.u-cursor-x')), x(over.querySelector('.u-cursor-pt')), over.clientWidth,
+    ...document.getElementById('plot').dataset.window.split(' ').map(Number), document.getElementById('cursor').textContent];
+})()"""
+
+
+def drawn_second(opened: Page) -> float:
+    """The second at which the cursor stands; marker, readout and what is drawn there are of the same second."""
+    line, marker, width, least, most, said = opened.js(WHERE)
+    assert 0 <= line <= width
+    assert marker == pytest.approx(line, abs=1)
+    second = least + line / width * (most - least)
+    assert float(said.split(": ")[1].split(" ")[0]) == pytest.approx(second, abs=2 * (most - least) / width)  # a pixel
+    return second
+
+
+def seconds_of_page(opened: Page, seconds: float) -> None:
+    opened.tab.wait_for_timeout(seconds * 1000)
+
+
+def test_cursor_marker_and_text_are_of_one_drawn_point(browser: Chromium) -> None:
+    with page(going_on(time.monotonic())) as served:
+        opened = seen(browser, served)
+        opened.click("article button")
+        left, top, width, height = opened.place("#plot .u-over")
+        opened.hover(left + width / 2, top + height / 2)
+        drawn_second(opened)
+        opened.drag((left + 200, top + 50), (left + 400, top + 60))
+        opened.hover(left + 310, top + 50)
+        first = drawn_second(opened)
+        aged = text(opened, "#cursor")
+        seconds_of_page(opened, 3)
+        assert drawn_second(opened) == pytest.approx(first, abs=0.001)
+        assert text(opened, "#cursor").split(":")[1] == aged.split(":")[1]
+        assert text(opened, "#cursor") != aged
+        opened.hover(left + 600, top + 50)
+        assert drawn_second(opened) > first
+        opened.js("document.getElementById('plot').focus()")
+        for key, by in (("ArrowLeft", -0.1), ("ArrowLeft", -0.1), ("ArrowRight", 0.1)):
+            before = drawn_second(opened)
+            opened.key(key)
+            assert drawn_second(opened) - before == pytest.approx(by, abs=0.03)  # a pixel at each end
+        opened.key("Home")
+        chosen = drawn_second(opened)
+        seconds_of_page(opened, 1.5)
+        assert drawn_second(opened) == pytest.approx(chosen, abs=0.2)  # it goes with the trace
+        for _ in range(4):
+            opened.key("+")
+            drawn_second(opened)
+        assert opened.said == []
+        opened.close()
+
+
+def test_a_zoomed_trace_stays_when_its_minute_is_over(browser: Chromium) -> None:
+    went_on_s = 0.0
+    began = time.monotonic()
+    with page(lambda: going_on(began - went_on_s)()) as served:
+        opened = seen(browser, served)
+        opened.click("article button")
+        left, top, width, height = opened.place("#plot .u-over")
+        opened.drag((left + width * 0.1, top + 50), (left + width * 0.3, top + 60))
+        opened.hover(left + width / 2, top + 50)
+        before = drawn_second(opened)
+        went_on_s = 100.0
+        opened.until("document.getElementById('cursor').textContent.startsWith('-2 min')")
+        assert drawn_second(opened) == pytest.approx(before, abs=0.001)
+        opened.click("#whole")
+        assert opened.js("document.getElementById('plot').dataset.points") == "601"
+        assert opened.js("document.getElementById('whole').disabled")
+        opened.close()
+
+
+def test_a_trace_by_fingers(browser: Chromium) -> None:
+    with page(going_on(time.monotonic())) as served:
+        opened = seen(browser, served, 390, 844, phone=True)
+        opened.js("document.querySelector('article button').click()")
+        opened.settle()
+        assert "Pinch to zoom" in opened.js("document.getElementById('detail').innerText")
+        assert "Drag to zoom" not in opened.js("document.getElementById('detail').innerText")
+        left, top, width, height = opened.place("#plot .u-over")
+        x, y = left + width / 2, top + height / 2
+        opened.touch([(x - 10, y), (x + 10, y)], [(x - 30, y), (x + 30, y)], [(x - 60, y), (x + 60, y)])
+        least, most = window(opened)
+        assert 5 < most - least < 20
+        opened.touch([(x, y)], [(x + 20, y)], [(x + 40, y)])
+        moved, _ = window(opened)
+        assert moved < least - 1
+        seconds_of_page(opened, 0.5)  # a tap at once would end the movement, for the browser
+        opened.touch([(x, y)])
+        opened.until("document.getElementById('cursor').textContent")
+        chosen = drawn_second(opened)
+        seconds_of_page(opened, 1.5)
+        assert drawn_second(opened) == pytest.approx(chosen, abs=0.001)
+        opened.touch([(x, y)])
+        opened.touch([(x, y)])
+        opened.until("document.getElementById('whole').disabled")
+        opened.js("document.getElementById('nearer').click()")
+        opened.settle()
+        least, most = window(opened)
+        assert most - least == pytest.approx(30, abs=1)
+        drawn_second(opened)
+        assert opened.said == []
+        opened.close()
+
+
+def window(opened: Page) -> tuple[float, float]:
+    least, most = opened.js("document.getElementById('plot').dataset.window.split(' ').map(Number)")
+    return least, most
+
+
+LABELS = """(() => { const made = []; const real = CanvasRenderingContext2D.prototype.fillText;
+  CanvasRenderingContext2D.prototype.fillText = function (text, ...more) { made.push(text); return real.call(this, text, ...more); };
+  window.labels = made; })()"""
+
+
+@pytest.mark.parametrize(
+    ("lasted_s", "expected"), [(20, r"-\d+ s|now"), (90, r"-\d+ s|now"), (160, r"-\d+ (s|min)|now"), (3000, r"-\d+ min|now")]
+)
+def test_labels_of_an_hour_are_distinct_and_it_ends_now(browser: Chromium, lasted_s: float, expected: str) -> None:
+    with page(going_on(time.monotonic(), lasted_s)) as served:
+        opened = seen(browser, served)
+        opened.click("article button")
+        opened.js(LABELS)
+        opened.tab.select_option("#span", "hour")
+        opened.until("labels.includes('now')")
+        opened.js("labels.length = 0")
+        opened.until("labels.includes('now')")
+        made = [one for one in opened.js("labels.slice(0, labels.indexOf('now') + 1)") if not one.endswith(("°C", "%"))]
+        assert len(made) == len(set(made)) >= 3
+        assert all(re.fullmatch(expected, one) for one in made), made
+        newest = max(going_on(time.monotonic(), lasted_s)().ports[0].trace.seconds)
+        assert window(opened)[1] >= newest - 2  # and not at the end of the last mean
+        opened.close()
+
+
+@pytest.mark.parametrize("width", [320, 390])
+def test_settings_can_be_read_on_a_phone(browser: Chromium, width: int) -> None:
+    with page(live_states.run()) as served:
+        opened = seen(browser, served, width, 844, phone=True)
+        opened.js("document.querySelector('article button').click()")
+        cells = "[...document.querySelectorAll('#settings tbody th, #settings tbody td')].filter(one => one.offsetHeight)"
+        right = opened.js(f"Math.max(...{cells}.map(one => one.getBoundingClientRect().right))")
+        assert right <= opened.js("document.getElementById('detail').getBoundingClientRect().right")
+        assert opened.js("document.getElementById('detail').scrollWidth <= document.getElementById('detail').clientWidth")
         opened.close()
 
 

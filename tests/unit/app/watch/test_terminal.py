@@ -86,7 +86,7 @@ def test_a_station_in_detail_shows_the_hour() -> None:
         await pilot.press("h")
         await pilot.pause()
         assert "-60 min" in text_of(app)
-        assert "no reading in the last hour" in text_of(app)  # of port 2
+        assert "too short yet for an hour's plot" in text_of(app)  # of port 2
 
     play(steps)
 

@@ -8,7 +8,7 @@ import pytest
 
 from jbclog.app.watch import words
 from jbclog.core.rows import EventRow, Severity
-from jbclog.live import Coverage, Joints, NumberedEvent, Reading, Trace
+from jbclog.live import Condition, Coverage, Joints, NumberedEvent, PortState, Reading, Trace
 from jbclog.live.states import NOT_COUNTED
 from support.records import live_states
 
@@ -78,6 +78,26 @@ def test_a_plot_has_its_range_and_its_time() -> None:
     assert lines[8].endswith("now")
     assert {len(line) for line in lines} == {60}
     assert words.plot(Trace(), 60, 8) == ["no reading in the last minute"]
+
+
+def heated(lasted_s: int) -> PortState:
+    """A tip that was heated up in the run's first ten seconds."""
+    seconds = tuple(float(one) for one in range(lasted_s + 1))
+    means = tuple(2.5 + 5 * one for one in range(lasted_s // 5))
+    hour = Trace(means, tuple(min(300 + 5 * one, 350.0) for one in means), (None,) * len(means))
+    minute = seconds[-61:]
+    trace = Trace(minute, tuple(min(300 + 5 * one, 350.0) for one in minute), (None,) * len(minute))
+    return live_states.port(1, Condition.NORMAL, live_states.known(350), trace=trace, hour=hour)
+
+
+def test_an_hour_ends_with_what_is_now() -> None:
+    assert words.hour_plot(heated(20), 68, 8) == ["too short yet for an hour's plot; `h` shows the last minute"]
+    lines = words.hour_plot(heated(150), 68, 8)
+    assert (lines[0][:8], lines[0][-1]) == (" 350 °C ", "█")
+    assert lines[8].strip().startswith("-60 min")
+    cooled = replace(heated(150), trace=replace(heated(150).trace, temperature_c=(*heated(150).trace.temperature_c[:-1], 200.0)))
+    lines = words.hour_plot(cooled, 68, 8)
+    assert (lines[7][:8], lines[7][-1]) == (" 200 °C ", "▁")
 
 
 def test_foreign_text_is_one_plain_line() -> None:
