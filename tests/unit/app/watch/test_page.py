@@ -223,7 +223,7 @@ def test_a_zoomed_trace_stays_when_its_minute_is_over(browser: Chromium) -> None
     with page(lambda: going_on(began - went_on_s)()) as served:
         opened = seen(browser, served)
         opened.click("article button")
-        left, top, width, height = opened.place("#plot .u-over")
+        left, top, width, _ = opened.place("#plot .u-over")
         opened.drag((left + width * 0.1, top + 50), (left + width * 0.3, top + 60))
         opened.hover(left + width / 2, top + 50)
         before = drawn_second(opened)
@@ -275,7 +275,8 @@ def window(opened: Page) -> tuple[float, float]:
 
 
 LABELS = """(() => { const made = []; const real = CanvasRenderingContext2D.prototype.fillText;
-  CanvasRenderingContext2D.prototype.fillText = function (text, ...more) { made.push(text); return real.call(this, text, ...more); };
+  CanvasRenderingContext2D.prototype.fillText = function (text, ...more) {
+    made.push(text); return real.call(this, text, ...more); };
   window.labels = made; })()"""
 
 
