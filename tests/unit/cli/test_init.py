@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -10,6 +13,7 @@ from typer.testing import CliRunner, Result
 from jbclog.cli.app import app
 from jbclog.config.line import load_line
 from jbclog.config.load_recipe import load_recipe
+from jbclog.core.outcome import Exit
 from jbclog.protocol.commands.family import FAMILIES
 from support.virtual.served_line import ServedLine
 
@@ -106,3 +110,13 @@ def test_a_scan_finds_a_station(tmp_path: Path) -> None:
         (station,) = load_line(made / "line.toml").stations
         assert (station.family, station.url) == ("dde", url)
     assert "select_c = 340 " in (made / "recipe.toml").read_text()
+
+
+def test_ctrl_c_at_a_question_is_an_interruption(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", "from jbclog.cli import main; main()", "init", str(tmp_path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as asking:
+        assert asking.stderr is not None
+        assert asking.stderr.read(4) == b"Find"
+        asking.send_signal(signal.SIGINT)
+        assert asking.wait(30) == Exit.INTERRUPTED
+    assert list(tmp_path.iterdir()) == []
