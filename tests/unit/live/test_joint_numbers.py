@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,13 +16,15 @@ from jbclog.analysis.run import open_run
 from jbclog.analysis.run_metrics import joints_and_metrics
 from jbclog.core.clock import SystemClock
 from jbclog.core.locks import commit_status
+from jbclog.core.rows import EventRow, Severity
 from jbclog.live import Follower, RunState, joint_counter
 from jbclog.live.joint_counter import ENDED_S, count, scheduled
 from jbclog.live.joint_numbers import ENDED, Counted, JointCounting, JointNumbers, PortCount
 from jbclog.live.open_rows import OpenRows
+from jbclog.record.manifest import write_manifest
 from jbclog.record.seal import seal_rows
 from support.records.live_rows import SOLDERED_ROWS as ROWS
-from support.records.live_rows import Soldering
+from support.records.live_rows import Soldering, now_us
 
 WAIT_S = 30.0
 PART, COMMIT = 600, 500
@@ -205,3 +209,31 @@ def test_feeds_are_evidence_during_a_run_too() -> None:
     run = open_run(next((Path(__file__).parents[3] / "notebooks" / "data" / "joints").glob("2*")))
     assert any(row["wire_decides"] for row in joints_and_metrics(run)[2])
     assert sum(port.found for port in count(run.folder).ports) == len(run.joints())
+
+
+def test_the_age_is_by_the_clock_of_the_run_without_steps_of_the_wall_clock(recording: Soldering) -> None:
+    recording.manifest.t0_utc = time.time() - 60.0
+    write_manifest(recording.folder, recording.manifest)
+    recording.solder(500)
+    assert count(recording.folder).age_s == pytest.approx(60.0 - 49.9, abs=5.0)
+    recording.store.event(EventRow(now_us(), "clock.step", Severity.WARNING, "", value=-1000.0))
+    recording.commit()
+    assert count(recording.folder).age_s == pytest.approx(1060.0 - 49.9, abs=5.0)
+
+
+def test_a_user_without_write_permission_can_count(recording: Soldering) -> None:
+    if os.geteuid() != 0:
+        pytest.skip("needs root, to become somebody else")
+    recording.solder(COMMIT)
+    for folder in (recording.folder, *recording.folder.parents):
+        if folder.stat().st_mode & 0o005 != 0o005:
+            folder.chmod(0o755)
+    before = count(recording.folder)
+    child = os.fork()
+    if child == 0:
+        os.setgid(65_534)
+        os.setuid(65_534)
+        with suppress(BaseException):
+            os._exit(0 if count(recording.folder).ports == before.ports else 3)
+        os._exit(4)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
