@@ -18,6 +18,7 @@ from jbclog.analysis.metrics.measures import PortMeasuring
 from jbclog.analysis.run import open_run
 from jbclog.analysis.stored_tables import JOINTS_SCHEMA
 from jbclog.app.run.plan import RunOptions, make_plan
+from jbclog.core.errors import UsageError
 from jbclog.record.annotations import vouch
 from jbclog.record.manifest import manifest_sha256
 from jbclog.report.write import write_report
@@ -107,7 +108,8 @@ def test_metrics_that_a_report_left_are_taken_and_others_are_not(soldered: Path,
     monkeypatch.setattr(run_metrics, "PortMeasuring", lambda *those: computed.append(1) or PortMeasuring(*those))
     pd.testing.assert_frame_equal(run.metrics(), before)
     pd.testing.assert_frame_equal(run.metrics("dde-1"), before)
-    assert run.metrics("another").empty
+    with pytest.raises(UsageError, match="has no station 'another'; it has dde-1"):
+        run.metrics("another")
     assert not computed
     one = json.loads(text)
     others = (
@@ -179,4 +181,3 @@ def test_a_gap_in_a_sealed_run(tmp_path: Path) -> None:
     assert pd.isna(table.loc["energy_permille_s", "value"])
     assert "gap" in str(table.loc["energy_permille_s", "why"])
     assert table.loc["energy_recorded_permille_s", "value"] > 0
-    assert len(open_run(folder).metrics("nobody")) == 0
