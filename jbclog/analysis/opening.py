@@ -23,7 +23,7 @@ def open_run(path: str | os.PathLike[str]) -> Run:
     if not is_in_store(given):
         return folders.open_run(given)
     from jbclog.analysis.store.reader import Store
-    from jbclog.analysis.store.runs import StoredRun
+    from jbclog.analysis.store.run import StoredRun
 
     store = Store(place_of(given.parent))
     return StoredRun(store, store.run(given.name))

@@ -11,14 +11,15 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from functools import cached_property
+from functools import cached_property, partial
 from math import isclose
 from pathlib import Path
-from typing import Final, Protocol, TypeVar, overload
+from typing import Final, Generic, Protocol, TypeVar, cast, overload
 
 import pandas as pd
 import pyarrow as pa
 
+from jbclog.analysis.fleet.engine import MUCH_RUNS, engine_of
 from jbclog.analysis.notebook_html import runs_html
 from jbclog.analysis.run import Run, open_run
 from jbclog.analysis.run_tables import Moment, utc
@@ -30,6 +31,7 @@ from jbclog.record.manifest import manifest_sha256
 
 T = TypeVar("T")
 
+TOGETHER: Final = 8  # runs that are opened by one task
 MOST_SAID: Final = 500  # characters of why a run cannot be read
 TEXTS: Final = ("run", "state", "verdict", "line", "operator", "order", "product", "exit_status", "lost", "changed")
 TIMES: Final = ("started", "ended")
@@ -79,6 +81,47 @@ class Records:
 
 
 RECORDS: Final = Records()
+
+
+class Together(Protocol):
+    """Some runs that are opened where this object is sent to."""
+
+    def openers(self) -> Iterator[Callable[[], Run]]:
+        """Yield what opens each run."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class FoldersTogether:
+    """Some runs in folders, which have the same path wherever they are opened."""
+
+    folders: tuple[Path, ...]
+
+    def openers(self) -> Iterator[Callable[[], Run]]:
+        """Yield what opens each run."""
+        return (partial(open_run, folder) for folder in self.folders)
+
+
+@dataclass(frozen=True, slots=True)
+class OfEach(Generic[T]):
+    """Calls a function for each of some runs; an error of the kind `caught` is the run's, any other one ends all."""
+
+    function: Callable[[Run], T]
+    caught: type[Exception]
+
+    def __call__(self, those: Together) -> list[tuple[T | None, str | None]]:
+        """Return for each run the result and None, or None and why it cannot be read."""
+        return [self._one(opener) for opener in those.openers()]
+
+    def _one(self, opener: Callable[[], Run]) -> tuple[T | None, str | None]:
+        try:
+            return self.function(opener()), None
+        except UsageError:
+            raise
+        except RecordError as error:
+            return None, str(error)
+        except self.caught as error:
+            return None, f"its tables cannot be read: {unexpected_error_text(error)}"
 
 
 class Runs(Sequence[Run]):
@@ -214,6 +257,39 @@ class Runs(Sequence[Run]):
             names = sorted({name for one in self.found for name in one.stations})
             raise UsageError(f"no run has a station {station!r}; there are {', '.join(names)}")
         return those
+
+    def map(self, function: Callable[[Run], T], scheduler: str | None = None) -> Iterator[tuple[Found, T]]:
+        """Yield each run, in their order, with what the function returns for it; a run that cannot be read is in `unreadable`.
+
+        `scheduler` (``tcp://HOST:PORT`` or ``tls://HOST:PORT``) is a Dask scheduler whose workers call the function; they open the
+        runs by the same path. Without one, processes of this computer do from 64 runs on; a script then starts below
+        ``if __name__ == "__main__":``. What else the function raises is raised here. Raises `RecordError` where the scheduler is
+        gone.
+        """
+        return self._mapped(function, self.found, scheduler, RecordError)
+
+    def on(self, scheduler: str | None) -> Runs:
+        """Return the runs that match now, computed by the workers of a scheduler. Raises `UsageError`: runs of a store only."""
+        if scheduler is None:
+            return self.refreshed()
+        raise UsageError(
+            f"{self.folder} is a folder of runs, and a scheduler reads stores; `jbclog publish {self.folder} STORE` makes one"
+        )
+
+    def _mapped(
+        self, function: Callable[[Run], T], those: Sequence[Found], scheduler: str | None, caught: type[Exception]
+    ) -> Iterator[tuple[Found, T]]:
+        groups = [those[start : start + TOGETHER] for start in range(0, len(those), TOGETHER)]
+        engine = engine_of(scheduler, is_much=len(those) >= MUCH_RUNS)
+        for group, results in zip(groups, engine.run(OfEach(function, caught), map(self._together, groups)), strict=True):
+            for one, (result, why) in zip(group, results, strict=True):
+                if why is None:
+                    yield one, cast(T, result)
+                else:
+                    self._add_unreadable(one.folder, why)
+
+    def _together(self, those: Sequence[Found]) -> Together:
+        return FoldersTogether(tuple(one.folder.absolute() for one in those))
 
     def _metric_rows(self, found: Found, station: str | None) -> list[MetricRow]:
         return self.source.metrics(found, METRIC_NAMES, station)

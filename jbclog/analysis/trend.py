@@ -200,7 +200,7 @@ def _changes(names: Iterable[str], found: dict[str, Found], station: str, port: 
     before: tuple[Sequence[str], Sequence[str]] | None = None
     for name in names:
         one = found[name]
-        now = (one.recipes, _tips(one, station, port))
+        now = (one.recipes, tips_of(one, station, port))
         if before is not None and now[0] != before[0]:
             yield f"{name}: the recipe is {', '.join(now[0]) or 'not known'}, before it was {', '.join(before[0]) or 'not known'}"
         if before is not None and now[1] != before[1]:
@@ -208,7 +208,7 @@ def _changes(names: Iterable[str], found: dict[str, Found], station: str, port: 
         before = now
 
 
-def _tips(one: Found, station: str, port: int) -> tuple[str, ...]:
+def tips_of(one: Found, station: str, port: int) -> tuple[str, ...]:
     """Return the tips named for this port, else for its station, else for the whole run."""
     for prefix in (f"{station}:{port}=", f"{station}="):
         named = tuple(text.removeprefix(prefix) for text in one.tips if text.startswith(prefix))

@@ -37,6 +37,9 @@ def trend(
     until: str | None = typer.Option(None, metavar="TIME", help="Latest start, UTC; a day is included."),
     plot: Path | None = typer.Option(None, "--plot", metavar="FILE", help="Chart file: .png, .svg or .pdf."),
     html: Path | None = typer.Option(None, "--html", metavar="FILE", help="HTML page with chart and table."),
+    scheduler: str | None = typer.Option(
+        None, metavar="ADDRESS", help="Dask scheduler, whose workers read a store: tcp://HOST:8786."
+    ),
     no_cache: bool = options.NO_CACHE,
     as_json: bool = typer.Option(False, "--json", help="Print one JSON object."),
 ) -> None:
@@ -62,6 +65,7 @@ def trend(
 
     with nullcontext(Records(stored=False)) if no_cache else run_index() as source:
         runs = _runs(folder, line, recipe, product, order, since, until).through(source)
+        runs = runs if scheduler is None else runs.on(scheduler)
         found = trends(runs, metric, station, port, lower, upper)
     note_unreadable(runs)
     _print(found, runs, metric, as_json=as_json)

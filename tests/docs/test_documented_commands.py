@@ -152,7 +152,7 @@ SNIPPETS = {
 
 
 def test_there_are_no_other_snippets() -> None:
-    assert set(SNIPPETS) == {"read-a-run.md", "watch.md"}
+    assert set(SNIPPETS) == {"many-computers.md", "read-a-run.md", "watch.md"}  # the first runs in faults/test_fleet.py
 
 
 def test_the_snippet_of_the_live_view_runs_on_a_demo(demo: Demo, tmp_path: Path) -> None:

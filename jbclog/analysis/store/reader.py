@@ -7,11 +7,9 @@ known, so that a table of which a part is missing is an error, never a shorter a
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from itertools import chain
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import unquote
 
@@ -223,15 +221,18 @@ def count_rows(fragment: ds.Fragment, condition: pc.Expression) -> int:
     return sum(piece.num_rows for piece in chosen_rows(fragment, ["publication"], condition, schema))
 
 
-def chosen_rows(fragment: ds.Fragment, columns: Sequence[str], condition: pc.Expression, schema: pa.Schema) -> Iterator[pa.Table]:
+def chosen_rows(
+    fragment: ds.Fragment, columns: Sequence[str], condition: pc.Expression, schema: pa.Schema, *, use_threads: bool = True
+) -> Iterator[pa.Table]:
     """Yield the rows of a file that match, `BATCH_ROWS` or fewer at a time; none is empty. A column that it lacks is null."""
+    how = {"batch_size": BATCH_ROWS, "batch_readahead": 1, "use_threads": use_threads}
     if not has_views(fragment):
-        batches = fragment.to_batches(schema, list(columns), filter=condition, batch_size=BATCH_ROWS, batch_readahead=1)
+        batches = fragment.to_batches(schema, list(columns), filter=condition, **how)
         yield from (pa.Table.from_batches([batch]) for batch in batches if batch.num_rows)
         return
     viewed = pa.schema([_like(field, fragment.physical_schema) for field in schema])
     needed = [*columns, *(name for name in COMPARED if name in schema.names and name not in columns)]
-    for batch in fragment.to_batches(viewed, needed, batch_size=BATCH_ROWS, batch_readahead=1):
+    for batch in fragment.to_batches(viewed, needed, **how):
         piece = as_texts(pa.Table.from_batches([batch])).filter(condition).select(list(columns))
         if piece.num_rows:
             yield piece
@@ -286,32 +287,3 @@ def _months(wanted: Filter) -> list[str]:
 
 def _iso(moment: datetime | None) -> str | None:
     return None if moment is None else f"{moment:%Y-%m-%dT%H:%M:%S.%fZ}"
-
-
-_NO_METRICS: Final = pa.schema([pa.field("publication", pa.utf8()), *OWN["metrics"]]).empty_table()
-
-
-def metric_rows(store: Store, runs: Iterable[Published], station: str | None, names: Collection[str] | None) -> pa.Table:
-    """Return the metrics of many runs from one pass over the table, with the publication of each row. Raises `RecordError`.
-
-    Of `names` only, or all; of one station or all. That no row is missing is counted over all of them, by their publications alone.
-    """
-    runs = list(runs)
-    wanted = pc.field("publication").isin(pa.array([one.findings for one in runs], pa.utf8()))
-    condition = _in_partitions({one.line for one in runs}, {one.month for one in runs})
-    own = None
-    if station is not None:
-        own = pc.field("station") == station
-    if names is not None:
-        named = pc.field("metric").isin(pa.array(sorted(names), pa.utf8()))
-        own = named if own is None else own & named
-    with explained(store.place.url):
-        columns = ["publication", *OWN["metrics"].names]
-        dataset, chosen = store.dataset("metrics"), wanted if own is None else wanted & own
-        files = [*dataset.get_fragments(filter=wanted if condition is None else wanted & condition)]
-        there = [piece["publication"] for file in files for piece in chosen_rows(file, ["publication"], wanted, dataset.schema)]
-        rows = [piece for file in files for piece in chosen_rows(file, columns, chosen, dataset.schema)]
-    counts = Counter(chain.from_iterable(column.to_pylist() for column in there))
-    for one in runs:
-        expect_rows(store.place, one, "metrics", counts[one.findings])
-    return pa.concat_tables([as_own(piece, "metrics") for piece in rows]) if rows else _NO_METRICS

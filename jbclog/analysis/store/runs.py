@@ -1,94 +1,50 @@
-"""The runs of a store as `Run` and `Runs`: everything that reads a run's folder reads them, too.
-
-A run's small files (manifest, annotations, line, recipes) are written to a temporary folder, which is removed with the object; rows
-come from the store, only those columns that are asked for.
-"""
+"""The runs of a store as `Runs`, and what is computed of many of them at once."""
 
 from __future__ import annotations
 
-import shutil
-import tempfile
-import weakref
-from collections.abc import Collection, Iterator
-from functools import cached_property
-from hashlib import sha256
-from pathlib import Path, PurePosixPath
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from pathlib import Path
 
-import pyarrow as pa
-import pyarrow.compute as pc
+import pandas as pd
 
+from jbclog.analysis.fleet.engine import MUCH_ROWS, engine_of
 from jbclog.analysis.run import Run
 from jbclog.analysis.run_metrics import metric_rows_of
-from jbclog.analysis.run_tables import Selection, arrow_time
-from jbclog.analysis.runs import Runs, Source
+from jbclog.analysis.runs import Runs, Source, Together
+from jbclog.analysis.store.parts import MetricRows, expect_all, parts_of
 from jbclog.analysis.store.place import Place
-from jbclog.analysis.store.reader import Published, Store, metric_rows
-from jbclog.analysis.store.schema import OWN
+from jbclog.analysis.store.reader import Published, Store
+from jbclog.analysis.store.run import StoredRun
+from jbclog.analysis.store.statistics import statistics
 from jbclog.analysis.stored_tables import MetricRow
 from jbclog.analysis.verdict import RULES
-from jbclog.core.errors import RecordError
 from jbclog.record.find_runs import Filter, Found, Unreadable
-from jbclog.record.manifest import NAME as MANIFEST
 
 
-class StoredRun(Run):
-    """A run of a store, at the newest version when it was opened."""
+@dataclass(frozen=True, slots=True)
+class StoredTogether:
+    """Some runs of a store, opened where this object is sent to."""
 
-    def __init__(self, store: Store, entry: Published) -> None:
-        self.store, self.entry = store, entry
-        home = Path(tempfile.mkdtemp(prefix="jbclog-"))
-        weakref.finalize(self, shutil.rmtree, home, ignore_errors=True)
-        super().__init__(home / entry.identity.run)
-        self._write_files()
+    place: Place
+    entries: tuple[Published, ...]
 
-    @property
-    def place(self) -> str:
-        """Where the run is, as messages and tables show it."""
-        return str(self.entry.found.folder)
-
-    def published(self, table: str) -> pa.Table | None:
-        """Return its joints or metrics as they were published; None if another version of the rules computed them."""
-        if self.entry.identity.rules != RULES:
-            return None
-        return pa.concat_tables([OWN[table].empty_table(), *self.store.pieces(table, self.entry, OWN[table].names)])
-
-    def _groups(self, selection: Selection) -> Iterator[pa.Table]:
-        pieces = self.store.pieces(selection.table, self.entry, selection.needed, _condition(selection))
-        return map(selection.cut, pieces)
-
-    def _write_files(self) -> None:
-        for name, data in self.store.files_of(self.entry):
-            if name == MANIFEST and sha256(data).hexdigest() != self.entry.identity.manifest_sha256:
-                raise RecordError(f"{self.place}: its manifest was changed: its SHA-256 is not the one in `runs`")
-            if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts:
-                raise RecordError(f"{self.place}: has a file {name!r}, which lies outside of the run's folder")
-            path = self.folder / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_bytes(data)
-
-
-def _condition(selection: Selection) -> pc.Expression | None:
-    """Return what a file's statistics can exclude; `Selection.cut` selects exactly."""
-    found = [pc.field(name) == value for name in ("station", "port") if (value := getattr(selection, name)) is not None]
-    if selection.start is not None:
-        found.append(pc.field("time") >= arrow_time(selection.start))
-    if selection.stop is not None:
-        found.append(pc.field("time") < arrow_time(selection.stop))
-    if not found:
-        return None
-    both = found[0]
-    for one in found[1:]:
-        both = both & one
-    return both
+    def openers(self) -> Iterator[Callable[[], Run]]:
+        """Yield what opens each run."""
+        store = Store(self.place)
+        return (partial(StoredRun, store, one) for one in self.entries)
 
 
 class StoredRuns(Runs):
     """The runs of a store that match a filter, all as they were when the first was read."""
 
-    def __init__(self, place: Place, wanted: Filter) -> None:
+    def __init__(self, place: Place, wanted: Filter, scheduler: str | None = None) -> None:
         super().__init__(place.path, wanted)
         self._place = place
         self._store = Store(place)
+        self._scheduler = scheduler
 
     @cached_property
     def _published(self) -> dict[str, Published]:
@@ -100,7 +56,7 @@ class StoredRuns(Runs):
 
     def refreshed(self) -> StoredRuns:
         """Return the runs that match now."""
-        return StoredRuns(self._place, self.wanted)
+        return StoredRuns(self._place, self.wanted, self._scheduler)
 
     def open(self, one: Found) -> Run:
         """Return the run that was found."""
@@ -110,18 +66,42 @@ class StoredRuns(Runs):
         """Return the same: a store is its own source."""
         return self
 
+    def on(self, scheduler: str | None) -> StoredRuns:
+        """Return the runs that match now; workers of a Dask scheduler read their metrics and compute their statistics."""
+        return StoredRuns(self._place, self.wanted, scheduler)
+
     def metric_rows(
         self, station: str | None = None, names: Collection[str] | None = None
     ) -> Iterator[tuple[Found, list[MetricRow]]]:
         """Yield each run with its rows of `metrics`, from one pass over the table."""
         current = [one for one in self._published.values() if one.identity.rules == RULES]
-        table = metric_rows(self._store, current, station, names)
-        rows: dict[str, list[MetricRow]] = {one.findings: [] for one in current}
-        for row in table.to_pylist():
-            rows[row.pop("publication")].append(MetricRow(**row))
-        yield from ((one.found, rows[one.findings]) for one in current)
         others = [one.found for one in self._published.values() if one.identity.rules != RULES]
-        yield from self._each(lambda one: metric_rows_of(self.open(one), station), others)
+        rows: dict[str, list[MetricRow]] = {one.findings: [] for one in current}
+        counts: Counter[str] = Counter()
+        engine = engine_of(self._scheduler, is_much=sum(one.rows["metrics"] for one in current) >= MUCH_ROWS)
+        for counted, table in engine.run(MetricRows(station, names), parts_of(self._store, "metrics", current)):
+            counts.update(counted)
+            for row in table.to_pylist():
+                rows[row.pop("publication")].append(MetricRow(**row))
+        expect_all(self._place, "metrics", current, counts)
+        yield from ((one.found, rows[one.findings]) for one in current)
+        yield from self._mapped(partial(metric_rows_of, station=station), others, self._scheduler, Exception)
+
+    def statistics(
+        self, table: str = "samples", column: str = "temperature_c", by: Sequence[str] = ("station", "port")
+    ) -> pd.DataFrame:
+        """Return statistics of a column of `samples` or `joints`, a row for each group: count, mean, standard deviation, extremes,
+        and the 5th, 50th and 95th percentile.
+
+        `by` has some of `run`, `line`, `station`, `port` and `tip` (the tips that somebody named). Figures have the column's unit;
+        `unknown` counts values that are null or not finite. All are exact but the percentiles, which differ by at most 0.05 % from
+        the value of their rank (`.attrs["quantile_error"]`). Reads 32 768 rows at a time. Raises `RecordError`, `UsageError`
+        for a column that is none.
+        """
+        return statistics(self._store, [*self._published.values()], table, column, by, self._scheduler)
+
+    def _together(self, those: Sequence[Found]) -> Together:
+        return StoredTogether(self._place, tuple(self._published[one.folder.name] for one in those))
 
     def _metric_rows(self, found: Found, station: str | None) -> list[MetricRow]:
         return metric_rows_of(self.open(found), station)
