@@ -118,7 +118,7 @@ def count(folder: Path, through: int | None = None, *, is_last: bool = False) ->
     Raises RecordError.
     """
     for _ in range(TRIES):
-        rows = OpenRows(folder, through or commit_status(folder).last or None)
+        began, rows = time.monotonic(), OpenRows(folder, through or commit_status(folder).last or None)
         manifest = read_manifest(folder)
         is_final = is_last or manifest.state == RunState.SEALED
         if is_final:
@@ -130,7 +130,7 @@ def count(folder: Path, through: int | None = None, *, is_last: bool = False) ->
         except Sealed:
             continue
         ports = tuple(_ports(stations, found, 0.0 if is_final else ENDED_S))
-        return Counted(age_s, ports, is_final)
+        return Counted(age_s, ports, is_final, time.monotonic() - began)
     raise RecordError(f"{folder} was sealed again and again")
 
 

@@ -43,11 +43,15 @@ class PortCount:
 
 @dataclass(frozen=True, slots=True)
 class Counted:
-    """What the counting process writes as a line. `age_s`: of the newest row that was counted. `trouble`: it could not count."""
+    """What the counting process writes as a line.
+
+    `age_s`: of the newest row that was counted. `took_s`: the count. `trouble`: it could not count.
+    """
 
     age_s: float = 0.0
     ports: tuple[PortCount, ...] = ()
     is_final: bool = False
+    took_s: float = 0.0
     trouble: str | None = None
 
     @property

@@ -250,7 +250,7 @@ def read_manifest(folder: Path) -> Manifest:
         data = read_json(path, Kind.MANIFEST, in_utf8=True)
         version = data.get("schema")
         if isinstance(version, int) and version > SCHEMA_VERSION:
-            raise RecordError(f"{path}: written with schema {version}; this jbclog knows {SCHEMA_VERSION}")
+            raise RecordError(f"{path}: written with schema {version}; this jbclog knows {SCHEMA_VERSION}; use a newer jbclog")
         manifest = _build_manifest(data)
         expect_counts(manifest.counts(), manifest.stations)
         for time in (manifest.started, manifest.ended):

@@ -84,7 +84,7 @@ class Goals:
         if counting.poll() and counting.latest is not None:
             self._joints, ports = counting.latest.found, len(counting.latest.ports)
             missing = max(goal.wanted - self._joints for goal in self._goals if goal.what == JOINTS)
-            self._ask_at = time.monotonic() + pause_s(missing, ports, counting.latest.age_s)
+            self._ask_at = time.monotonic() + pause_s(missing, ports, counting.latest.took_s)
         if counting.why is not None:
             self._cannot_count(counting.why)
         elif time.monotonic() >= self._ask_at:

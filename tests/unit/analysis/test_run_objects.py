@@ -101,6 +101,11 @@ def test_a_joint_has_its_slice_of_the_samples(run: jbclog.Run) -> None:
         joint.samples(before_s=-1)
 
 
+def test_the_figure_has_one_scale_a_panel(run: jbclog.Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("jbclog.analysis.figures.port._knee", lambda *_: 300.0)
+    assert {axes.get_yscale() for axes in run.plot("dde-1", 1).axes} == {"linear"}
+
+
 def test_the_figure_shows_joints_setpoint_and_alarm_limits(run: jbclog.Run) -> None:
     temperature = run.plot("dde-1", 1).axes[0]
     drawn = {artist.get_gid(): artist for artist in temperature.get_children() if artist.get_gid()}

@@ -503,6 +503,7 @@ def test_a_run_of_a_newer_jbclog_is_not_read(recording: Recording, follower: Fol
     run = polled(follower)
     assert run.phase is Phase.UNREADABLE
     assert "written with schema 99" in run.text
+    assert "use a newer jbclog" in run.text
 
 
 def test_recording_continues_in_a_new_file(recording: Recording, follower: Follower) -> None:

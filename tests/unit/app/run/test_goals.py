@@ -136,7 +136,7 @@ class Counting(JointCounting):
         if isinstance(said, str):
             self.why = said
         elif said is not None:
-            self.latest = Counted(0.0, (PortCount("b", 1, None, 1, UNSURE), PortCount("b", 2, said - 1, said - 1, None)))
+            self.latest = Counted(100.0, (PortCount("b", 1, None, 1, UNSURE), PortCount("b", 2, said - 1, said - 1, None)))
         return isinstance(said, int)
 
     def ask(self, *, is_last: bool = False) -> None:

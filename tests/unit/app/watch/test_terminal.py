@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import os
+import pty
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Coroutine, Iterator
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -238,3 +244,20 @@ def test_on_a_low_terminal_tiles_come_before_events(size: tuple[int, int], has_e
         assert "row 0." in text  # the fifth line of a tile
 
     play(steps)
+
+
+@pytest.mark.parametrize(("key", "code"), [(b"q", 0), (b"\x03", Exit.INTERRUPTED)])
+def test_the_exit_code_of_the_command(tmp_path: Path, key: bytes, code: int) -> None:
+    command = [sys.executable, "-c", "from jbclog.cli import main; main()", "watch", str(tmp_path)]
+    ours, theirs = pty.openpty()
+    with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True) as process:
+        os.close(theirs)
+        shown = b""
+        while b"no run" not in shown:
+            shown += os.read(ours, 1 << 16)
+        os.write(ours, key)
+        with suppress(OSError):  # its end
+            while os.read(ours, 1 << 16):
+                pass
+        assert process.wait(WAIT_S) == code
+    os.close(ours)
