@@ -13,7 +13,7 @@ from __future__ import annotations
 import random
 import time
 from collections.abc import Callable, Iterable, Iterator
-from itertools import chain
+from itertools import chain, islice
 from typing import TYPE_CHECKING, Final
 
 import pyarrow as pa
@@ -30,6 +30,7 @@ APPLICATION: Final = "jbclog.runs"
 FENCE: Final = "jbclog.removed."
 TRIES: Final = 40
 GROUP_ROWS: Final = 32_768
+BATCHES: Final = 32  # of a commit, about a million rows
 LARGEST_PAUSE_S: Final = 0.5
 CONFIGURATION: Final = {PROPERTY: str(SCHEMA)}
 
@@ -63,38 +64,40 @@ def _create(place: Place, name: str) -> None:
 
 
 def append(place: Place, name: str, publication: str, rows: Callable[[], Iterator[pa.RecordBatch]]) -> int:
-    """Commit the rows to a table and return their number; no more than some row groups are in memory.
+    """Commit the rows to a table and return their number, some batches a commit: the library may take a whole commit into memory.
 
     Raises `StoreError`, and whatever the rows raise.
     """
-    from deltalake import write_deltalake
-
     for _ in range(TRIES):
-        counted = _Counted(rows())
-        first = next(counted, None)
-        if first is None:
-            return 0
-        reader = pa.RecordBatchReader.from_batches(schema_of(name), chain([first], counted))
-        table = opened(place, name)
-        try:
-            is_done = committed(
-                place,
-                lambda table=table, reader=reader: write_deltalake(  # type: ignore[misc]  # of this turn of the loop
-                    table,
-                    reader,
-                    mode="append",
-                    schema_mode="merge",
-                    writer_properties=writer(),
-                    commit_properties=properties(publication=publication),
-                ),
-            )
-        except Exception:
-            if counted.error is not None:
-                raise counted.error from None
-            raise
-        if is_done:
+        counted, done = _Counted(rows()), True
+        for first in counted:
+            before = counted.rows - first.num_rows
+            done = _append(place, name, publication, counted, chain([first], islice(counted, BATCHES - 1)))
+            if not done and before:
+                raise StoreError(f"{place}: {name} changed meanwhile; publish again")
+            if not done:
+                break
+        if done:
             return counted.rows
     raise StoreError(f"{place}: {name} changed too often; publish again")
+
+
+def _append(place: Place, name: str, publication: str, counted: _Counted, batches: Iterator[pa.RecordBatch]) -> bool:
+    from deltalake import write_deltalake
+
+    table, reader = opened(place, name), pa.RecordBatchReader.from_batches(schema_of(name), batches)
+    done = properties(publication=publication)
+    try:
+        return committed(
+            place,
+            lambda: write_deltalake(
+                table, reader, mode="append", schema_mode="merge", writer_properties=writer(), commit_properties=done
+            ),
+        )
+    except Exception:
+        if counted.error is not None:
+            raise counted.error from None
+        raise
 
 
 class _Counted(Iterator[pa.RecordBatch]):

@@ -1,0 +1,43 @@
+"""What a publisher takes of memory does not grow with the rows of a run: a process of its own commits many, and is asked."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from support.records.many_runs import one_run
+
+GROUP_ROWS = 32_768
+MOST_MB = 750  # 355, 441 and 540 of 1, 3 and 6 million rows; in one commit it were 988 of 6 million
+PROGRAM = """
+import re, sys
+from itertools import chain, repeat
+from pathlib import Path
+from jbclog.analysis.run import open_run
+from jbclog.analysis.store.contents import rows_of, stamped
+from jbclog.analysis.store.place import place_of
+from jbclog.app.publish.commits import append, create_tables
+
+run, store, groups = sys.argv[1], place_of(sys.argv[2]), int(sys.argv[3])
+create_tables(store)
+(piece,) = rows_of(open_run(Path(run)), "samples")
+rows = lambda: stamped(repeat(piece, groups), "samples", "a run", "abc-1", {"line": "bench", "month": "2026-09"})
+print(append(store, "samples", "abc-1", rows), re.search(r"VmHWM:\\s+(\\d+)", Path("/proc/self/status").read_text())[1])
+"""
+
+
+@pytest.mark.campaign
+@pytest.mark.parametrize("groups", [30, 90, 180])
+def test_memory_does_not_grow_with_the_rows(tmp_path: Path, groups: int, capsys: pytest.CaptureFixture[str]) -> None:
+    run = one_run(tmp_path / "runs", 0, rows=GROUP_ROWS)
+    command = [sys.executable, "-c", PROGRAM, str(run), str(tmp_path / "store"), str(groups)]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
+    rows, peak_mb = (int(word) for word in ended.stdout.split())
+    peak_mb //= 1024
+    with capsys.disabled():
+        print(f"\n{rows} rows: {peak_mb} MB")
+    assert rows == groups * GROUP_ROWS
+    assert peak_mb < MOST_MB
