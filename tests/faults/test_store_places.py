@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 
 import jbclog
 from jbclog.analysis.store.place import place_of
+from jbclog.analysis.store.runs import StoredRuns
 from jbclog.analysis.store.schema import DATA, TABLES
 from jbclog.app.publish.publisher import Publisher, Result
 from jbclog.app.publish.safe_place import expect_safe
@@ -25,6 +26,7 @@ from jbclog.app.publish.upkeep import check, compact, vacuum
 from jbclog.cli.app import app
 from jbclog.core.errors import RecordError, UsageError
 from jbclog.record import annotations
+from jbclog.record.find_runs import ALL
 from support.faults.s3_server import BUCKET, KEY, SECRET, Server, serving
 from support.faults.small_disk import small_disk
 from support.records import small_run
@@ -77,6 +79,9 @@ def test_all_of_it_in_s3(run: Path, s3: Server) -> None:
     for table in DATA:
         pd.testing.assert_frame_equal(getattr(there, table)(), getattr(jbclog.open_run(run), table)())
     assert jbclog.open_run(f"{URL}/{run.name}").place == f"{URL}/{run.name}"
+    runs = StoredRuns(place, ALL)
+    assert runs.statistics(by=["run"])["n"].tolist() == [there.samples()["temperature_c"].count()]
+    assert [len(rows) for _, rows in runs.metric_rows()] == [len(there.metrics())]
     assert check(place, timedelta(0)).findings == []
     assert set(compact(place)) == set(TABLES)
     assert set(vacuum(place).values()) == {0}

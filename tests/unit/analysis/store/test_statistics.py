@@ -18,6 +18,7 @@ from jbclog.analysis.store.reader import Store
 from jbclog.analysis.store.statistics import Part, finish, partial
 from jbclog.app.publish.folder import publish_all
 from jbclog.app.publish.publisher import Publisher, Result
+from jbclog.app.publish.upkeep import compact
 from jbclog.core.errors import RecordError, UsageError
 from support.records.many_runs import one_run, told
 
@@ -93,6 +94,20 @@ def test_joints_of_other_rules_are_found_anew(place: Place, monkeypatch: pytest.
         monkeypatch.setattr(module, "RULES", 10_000)
     found = jbclog.open_runs(place.url).statistics("joints", "dwell_s", ["run"])
     pd.testing.assert_frame_equal(found, expected, check_exact=True)
+
+
+def test_rows_of_other_runs_in_the_same_file_do_not_count(tmp_path: Path) -> None:
+    place = place_of(tmp_path / "store")
+    for number in range(3):
+        one_run(tmp_path / "runs", number, 5.0 * number, rows=300 + 10 * number)
+    _published(tmp_path / "runs", place)
+    whole = jbclog.open_runs(place.url).statistics(by=["run"])
+    [*compact(place)]
+    assert len(DeltaTable(place.of("samples")).file_uris()) == 1
+    (name,) = (run.name for run in jbclog.open_runs(place.url, since="2026-09-21T06:30", until="2026-09-21T07:30"))
+    part = jbclog.open_runs(place.url, since="2026-09-21T06:30", until="2026-09-21T07:30")
+    pd.testing.assert_frame_equal(part.statistics(by=["run"]), whole[whole["run"] == name].reset_index(drop=True), check_exact=True)
+    assert [one.folder.name for one, rows in part.metric_rows(names=["idle_error_c"]) if len(rows) == 1] == [name]
 
 
 def test_a_part_that_is_missing_is_no_shorter_answer(tmp_path: Path) -> None:
