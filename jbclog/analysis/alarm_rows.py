@@ -12,6 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from jbclog.analysis.alarms import BEFORE_ALL, WATCHED, Change, FlagRead, Rows, change_of
+from jbclog.analysis.joints.port_rows import by_port
 from jbclog.analysis.run_tables import RunTables
 from jbclog.analysis.verdict.clock_steps import Step, Unstepped
 from jbclog.core.rows import EventRow, Severity
@@ -121,12 +122,7 @@ class PortSplitter:
 
     def split(self, piece: pa.Table) -> Iterator[PortRows]:
         """Yield the rows of each port that has any in this piece."""
-        names = piece["station"].cast(pa.string()).combine_chunks().dictionary_encode()
-        ports = piece["port"].to_numpy().astype(np.int64)
-        keys = np.asarray(names.indices.to_numpy(zero_copy_only=False)).astype(np.int64) * 16 + ports
-        for key in np.unique(keys):
-            own = piece.take(pa.array(np.flatnonzero(keys == key)))
-            place = names.dictionary[int(key) // 16].as_py(), int(key) % 16
+        for place, own in by_port(piece):
             yield PortRows(place, self._rows(place, own), _flags(own) if place in self._flags_of else [])
 
     def _rows(self, place: Place, own: pa.Table) -> Rows:

@@ -19,8 +19,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from jbclog.analysis.joints.parameters import JointOptions, options_of
-from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, Key, PortReader, at_once
-from jbclog.analysis.joints.port_rows import CYCLES, Clock, cycles_of, kind_of
+from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, PortReader, at_once
+from jbclog.analysis.joints.port_rows import CYCLES, Clock, Key, cycles_of, kind_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import Wire

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from math import inf
-from typing import cast
 
 import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from jbclog.analysis.figures.canvas import svg_text
 from jbclog.analysis.figures.from_samples import AIR_COLUMNS as AIR
@@ -17,6 +15,8 @@ from jbclog.analysis.figures.from_samples import STATE_COLUMNS as STATES
 from jbclog.analysis.figures.from_samples import has_air
 from jbclog.analysis.figures.marks import happenings
 from jbclog.analysis.figures.style import NARROW, WIDE
+from jbclog.analysis.joints.port_reader import at_once
+from jbclog.analysis.joints.port_rows import by_port
 from jbclog.analysis.rejudge import is_cut_off, own_version
 from jbclog.analysis.run import Run
 from jbclog.analysis.verdict import judged_signals
@@ -40,10 +40,12 @@ from jbclog.report.stations import station_report
 from jbclog.report.verdict import add_reasons, verdict_facts
 from jbclog.report.zoom import share
 
-MOST_ROWS = 200_000  # of several stations at once in memory
+MOST_ROWS = 4_000_000  # of several stations at once in memory, some 30 bytes each
 TEXTS = ("quality", "reasons", "status")
+COUNTS = ("tick", "late_us")
+COUNTED = {kind: pd.ArrowDtype(kind) for kind in (pa.int32(), pa.int64())}
 READINGS = ("temperature_c", "power_permille", "set_c")
-COLUMNS = ("tick", "port", "late_us", "quality", "reasons", "temperature_c", "power_permille", "status", "set_c")
+COLUMNS = ("tick", "late_us", "quality", "reasons", "temperature_c", "power_permille", "status", "set_c")
 
 
 def gather(run: Run, joints: Joints) -> Facts:
@@ -79,6 +81,7 @@ def _stations(run: Run, joints: Joints, overview: Overview, verdict: VerdictFact
         is_cut_off(manifest),
         tuple(steps_of(folder)),
         overview,
+        True,
         joints,
         {(one.station, one.port): one for one in manifest.verifications},
         verdict.rules,
@@ -86,36 +89,59 @@ def _stations(run: Run, joints: Joints, overview: Overview, verdict: VerdictFact
         share(ports),
     )
     for number, (facts, samples) in enumerate(_samples(run), 1):
+        context.has_overview = len(manifest.stations) > 1 or len(samples) > 1
         yield station_report(facts, number, samples, context)
 
 
-def _samples(run: Run) -> Iterator[tuple[StationFacts, pd.DataFrame]]:
-    """Yield the samples of each station, from one pass over a short run, from a pass for each station of a long one."""
-    stations = run.manifest.stations
-    columns = {facts.name: _columns(facts) for facts in stations}
-    if sum(map(_rows, stations)) > MOST_ROWS:
+def _samples(run: Run) -> Iterator[tuple[StationFacts, dict[int, pd.DataFrame]]]:
+    """Yield the rows of each port of each station, from one pass over the samples for as many stations as fit into memory."""
+    for stations in at_once(run.manifest.stations, _rows, MOST_ROWS):
+        found = _by_port(run, stations)
         for facts in stations:
-            yield facts, _compact(run, facts.name, columns[facts.name])
-        return
-    every = run.samples(columns=["station", *dict.fromkeys(name for some in columns.values() for name in some)])
-    for facts in stations:
-        yield facts, every.loc[every["station"] == facts.name, list(columns[facts.name])].reset_index(drop=True)
+            yield facts, found.pop(facts.name)
 
 
-def _compact(run: Run, station: str, columns: Sequence[str]) -> pd.DataFrame:
-    """Return the samples of one station in a fifth of the memory of `Run.samples`: equal texts once, readings in 32 bits."""
-    groups = run.groups("samples", ["station", *columns])
-    own = (group.filter(pc.equal(group["station"], station)).select(columns) for group in groups)
-    none = SCHEMAS["samples"].empty_table().select(columns)
-    table = pa.concat_tables([_narrow(none), *map(_narrow, own)]).unify_dictionaries()
-    return cast(pd.DataFrame, table.to_pandas(split_blocks=True, self_destruct=True))
+def _by_port(run: Run, stations: Sequence[StationFacts]) -> dict[str, dict[int, pd.DataFrame]]:
+    """Return the rows of each port in a fifth of the memory of `Run.samples`: equal texts once, readings in 32 bits."""
+    columns = {facts.name: _columns(facts) for facts in stations}
+    every = [*dict.fromkeys(name for some in columns.values() for name in some)]
+    none = _narrow(SCHEMAS["samples"].empty_table())
+    pieces = {(facts.name, port): [none.select(columns[facts.name])] for facts in stations for port in facts.ports}
+    for group in run.groups("samples", ["station", "port", *every]):
+        for key, rows in by_port(group):
+            if key[0] in columns:
+                pieces.setdefault(key, []).append(_narrow(rows.select(columns[key[0]])))
+    found: dict[str, dict[int, pd.DataFrame]] = {name: {} for name in columns}
+    for name, port in sorted(pieces):
+        found[name][port] = _frame(pieces.pop((name, port)))
+    return found
+
+
+def _frame(pieces: list[pa.Table]) -> pd.DataFrame:
+    """Return the rows of a port; takes the pieces out of their list, and frees each column as soon as it is converted."""
+    rows, columns = pa.concat_tables(pieces, promote_options="permissive").unify_dictionaries(), dict[str, pd.Series]()
+    pieces.clear()
+    for name in rows.column_names:
+        columns[name] = rows[name].to_pandas(types_mapper=COUNTED.get)
+        rows = rows.drop_columns([name])
+        pa.default_memory_pool().release_unused()  # the pool keeps what was freed
+    return pd.DataFrame(columns, copy=False)
 
 
 def _narrow(rows: pa.Table) -> pa.Table:
-    """Return rows with dictionaries for texts, and readings (whole numbers of at most six digits) as floats, NaN for null."""
+    """Return rows with dictionaries for texts, 32 bits for counts, and readings (whole numbers of at most six digits) as floats."""
     narrow = {name: rows[name].dictionary_encode() for name in TEXTS if name in rows.column_names}
     narrow |= {name: rows[name].cast(pa.float32(), safe=False) for name in READINGS if name in rows.column_names}
+    narrow |= {name: _short(rows[name]) for name in COUNTS if name in rows.column_names}
     return pa.table({name: narrow.get(name, rows[name]) for name in rows.column_names})
+
+
+def _short(counts: pa.ChunkedArray) -> pa.ChunkedArray:
+    """Return counts in 32 bits if they fit."""
+    try:
+        return counts.cast(pa.int32())
+    except pa.ArrowInvalid:
+        return counts
 
 
 def _rows(facts: StationFacts) -> float:

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from jbclog.analysis.figures import style
 from jbclog.analysis.figures.axes import BESIDE_PT, panel, rectangles, size_pt
 from jbclog.analysis.figures.canvas import new_figure, styled
-from jbclog.analysis.figures.curves import Envelope, Floats, Span, dates, envelope, merged, runs, widened
+from jbclog.analysis.figures.curves import Envelope, Readings, Span, blocks, coded, dates, envelope, merged, runs, widened
 from jbclog.analysis.figures.style import Format, Look
 from jbclog.analysis.figures.ticks import duration_text, time_marks
 from jbclog.analysis.figures.trace import JOINED_PERIODS, Mark, MarkKind, Trace
@@ -60,11 +60,11 @@ class Overview:
 
     def add(self, name: str, trace: Trace, coverage_percent: float | None, cold: str | None = None) -> None:
         """Add a port. `cold`: how it never reached its setpoint, in a word or two; None where it did."""
-        away = trace.temperature - setting_in_force(trace.seconds, trace.setting) if len(trace.seconds) else trace.temperature
+        away = _away(trace)
         far = _far(trace, away)
         for span in far:
-            away = np.where((trace.seconds >= span.start) & (trace.seconds < span.end), np.nan, away)
-        curve = envelope(trace.seconds, np.clip(away, -REACH_C, REACH_C), STRETCHES, JOINED_PERIODS * trace.period_s)
+            away[_inside(trace, span)] = np.nan
+        curve = envelope(trace.seconds, away.clip(-REACH_C, REACH_C, out=away), STRETCHES, JOINED_PERIODS * trace.period_s)
         alarms = sum(mark.kind is MarkKind.ALARM for mark in trace.marks)
         read = "–" if coverage_percent is None else f"{np.floor(coverage_percent * 10) / 10:g} %"
         words = cold or (f"{read}, {alarms} alarm{'s' * (alarms > 1)}" if alarms else read)
@@ -185,14 +185,31 @@ class _Row:
                 self.axes.text(middle, self.row + 0.5, span.word, zorder=2.3, **look)
 
 
-def _far(trace: Trace, away: Floats) -> list[Span]:
+def _away(trace: Trace) -> Readings:
+    """Return how far the tip was from its setpoint in each row, NaN where that is not known."""
+    away, last_s, last_c = trace.temperature.copy(), trace.start, np.nan
+    for rows in blocks(len(away)):
+        seconds, setting = np.append(last_s, trace.seconds[rows]), np.append(last_c, trace.setting[rows])
+        away[rows] -= setting_in_force(seconds, setting)[1:]
+        known = np.flatnonzero(~np.isnan(setting))
+        if len(known):
+            last_s, last_c = float(seconds[known[-1]]), float(setting[known[-1]])
+    return away
+
+
+def _inside(trace: Trace, span: Span) -> slice:
+    """Return the rows of a span."""
+    return slice(*np.searchsorted(trace.seconds, [span.start, span.end]).tolist())
+
+
+def _far(trace: Trace, away: Readings) -> list[Span]:
     """Return where the tip was outside the strip for long, each with its temperatures as text."""
-    words = np.array(["far" if abs(one) > REACH_C else None for one in away], dtype=np.object_)
+    words = coded(np.where(np.abs(away) > REACH_C, 0, -1).astype(np.int8), ["far"])
     spans = [span for span in runs(trace.seconds, words, trace.period_s) if span.seconds >= FAR_S]
     return [replace(span, word=_celsius(trace, span)) for span in spans]
 
 
 def _celsius(trace: Trace, span: Span) -> str:
-    inside = trace.temperature[(trace.seconds >= span.start) & (trace.seconds < span.end)]
+    inside = trace.temperature[_inside(trace, span)]
     low, high = np.nanmin(inside), np.nanmax(inside)
     return f"{low:.0f} °C" if low == high else f"{low:.0f} to {high:.0f} °C"

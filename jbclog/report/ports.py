@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 
 from jbclog.analysis.figures.canvas import svg_text
-from jbclog.analysis.figures.curves import Floats, Span
+from jbclog.analysis.figures.curves import Readings, Span
 from jbclog.analysis.figures.from_samples import (
     BOTH,
     CLOGGED,
@@ -46,7 +48,7 @@ MOST_GAPS = 50
 ENERGIES = ("energy_permille_s", "energy_recorded_permille_s", "energy_j")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Context:
     """The data that all ports of a run share."""
 
@@ -58,6 +60,7 @@ class Context:
     cut_off: bool
     steps: tuple[Step, ...]
     overview: Overview
+    has_overview: bool  # of a single port there is none
     joints: Joints
     checks: Mapping[tuple[str, int], TipCheck]
     rules: Sequence[Mapping[str, object]]
@@ -65,9 +68,9 @@ class Context:
     zoom: int = MOST_READINGS  # rows of each port in the interactive view
 
 
-def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, context: Context) -> PortFacts:
-    """Return one port from its rows of `samples`; the files of its figures begin with `file`."""
-    signals, grid = judged_signals(facts), Grid(context.t0_utc_us, facts.period_s, context.steps)
+def port_facts(facts: StationFacts, port: int, file: str, samples: dict[int, pd.DataFrame], context: Context) -> PortFacts:
+    """Return one port from its rows, which are taken out of `samples` and freed; the files of its figures begin with `file`."""
+    rows, signals, grid = samples.pop(port), judged_signals(facts), Grid(context.t0_utc_us, facts.period_s, context.steps)
     drawn = replace(
         trace(rows, grid, of_states="temperature_c" not in signals, of_air=has_air(facts)),
         limits=limits_of(context.settings, facts.name, port, context.t0_utc_us),
@@ -76,11 +79,13 @@ def port_facts(facts: StationFacts, port: int, file: str, rows: pd.DataFrame, co
     )
     measure = context.measures.get((facts.name, port))
     recorded = _recorded(rows, drawn, measure, due_readings(context.ledger, facts, port))
-    if len(rows):
+    seen = PortRows(len(rows), _last(drawn.temperature), _last_word(rows["status"]))
+    del rows
+    pa.default_memory_pool().release_unused()
+    if seen.number and context.has_overview:
         context.overview.add(clean(f"{facts.name} · {port}"), drawn, recorded.coverage_percent, _cold(drawn, measure))
     has_tip = not drawn.states and drawn.air is None
-    seen = PortRows(len(rows), _last(drawn.temperature), _last_word(rows["status"]))
-    figures = _figures(file, f"{facts.name}, port {port}", drawn, context) if len(rows) else []
+    figures = _figures(file, f"{facts.name}, port {port}", drawn, context) if seen.number else []
     return PortFacts(
         recorded=recorded,
         tip=_tip(drawn, measure),
@@ -130,7 +135,7 @@ def _air_facts(air: Air) -> AirFacts:
 
 def _recorded(rows: pd.DataFrame, drawn: Trace, measure: PortMeasure | None, due: int) -> RecordedFacts:
     readings = 0 if measure is None else measure.readings
-    late_us = rows["late_us"].dropna().to_numpy(dtype=np.float64)
+    late_us = rows["late_us"].dropna().to_numpy(dtype=np.int64)
     longest = sorted(drawn.gaps, key=lambda gap: (-round(gap.seconds, 6), gap.start))[:MOST_GAPS]
     return RecordedFacts(
         rows=len(rows),
@@ -182,19 +187,19 @@ def _float(value: object) -> float | None:
     return value if isinstance(value, float) else None
 
 
-def _extreme(values: Floats, which: Callable[[Floats], np.float64]) -> float | None:
+def _extreme(values: Readings, which: Callable[[Readings], np.floating[Any]]) -> float | None:
     known = values[~np.isnan(values)]
     return float(which(known)) if len(known) else None
 
 
-def _last(values: Floats) -> float | None:
+def _last(values: Readings) -> float | None:
     known = values[~np.isnan(values)]
     return float(known[-1]) if len(known) else None
 
 
 def _last_word(words: pd.Series[str]) -> str | None:
-    known = words.dropna()
-    return str(known.iloc[-1]) if len(known) else None
+    last = words.last_valid_index()
+    return None if last is None else str(words[last])
 
 
 def _limit(limits: Sequence[Limit], side: str) -> float | None:

@@ -14,9 +14,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from jbclog.analysis.figures.curves import Floats, Span
+from jbclog.analysis.figures.curves import Floats, Readings, Span, Stretches, blocks, coded
 from jbclog.analysis.figures.lanes import MARKS
 from jbclog.analysis.figures.trace import JOINED_PERIODS, SETTING_JOINED_S, JointEnd, Limit, Trace
 from jbclog.core.text import clean
@@ -53,12 +54,11 @@ def zoom_of(trace: Trace, most: int) -> str | None:
     unit = trace.grid.period_s or 0.001
     lanes = _lanes(trace)
     seen = {name: spans for name, spans in lanes.items() if len(spans) <= max(LEAST_SPANS, most * MOST_SPANS // MOST_READINGS)}
-    reasons = trace.reasons[kept] if len(trace.reasons) else np.full(np.count_nonzero(kept), None, dtype=object)
+    reasons = trace.reasons[kept] if len(trace.reasons) else coded(np.full(np.count_nonzero(kept), -1), [])
     stream += _rows(np.round((trace.seconds[kept] - trace.start) / unit), [values[kept] for values in columns.values()])
     stream += [_runs(words.reasons(reasons, columns))]
-    place = _stretch_of(trace, stretches)
     for values in columns.values() if stretches else ():
-        stream += _band(values, place, stretches)
+        stream += _band(trace, values, stretches)
     for spans in seen.values():
         stream += [_spans(trace, spans, [words.code(span.word) for span in spans])]
     held = held_settings(trace)
@@ -96,10 +96,12 @@ class _Words:
             self.all.append(clean(str(text))[:LONGEST_WORD])
         return self._numbers[text]
 
-    def reasons(self, texts: NDArray[np.object_], columns: Iterable[str]) -> Ints:
+    def reasons(self, texts: pd.Categorical, columns: Iterable[str]) -> Ints:
         """Return a number for the reasons of each row: ``;power_permille=timeout``, for each of these columns that has one."""
-        known = {text: self.code(_reasons(text, columns)) for text in dict.fromkeys(texts)}
-        return np.array([known[text] for text in texts], dtype=np.int64)
+        names, known = [*texts.categories, None], np.zeros(len(texts.categories) + 1, dtype=np.int64)
+        for code in pd.unique(texts.codes):  # in the order in which they come
+            known[code] = self.code(_reasons(names[code], columns))
+        return np.asarray(np.take(known, texts.codes), dtype=np.int64)
 
 
 def _reasons(text: str | None, columns: Iterable[str]) -> str | None:
@@ -120,8 +122,8 @@ def _whole(value: float) -> int:
     return int(np.clip(round(value), -BOUND, BOUND))
 
 
-def _integers(values: Floats) -> Ints:
-    return np.clip(np.round(values), -BOUND, BOUND).astype(np.int64)
+def _integers(values: Readings) -> Ints:
+    return np.asarray(np.clip(np.round(values), -BOUND, BOUND), dtype=np.int64)
 
 
 def _steps(values: Ints) -> Ints:
@@ -138,31 +140,27 @@ def _runs(values: Ints) -> Ints:
     return np.concatenate([[len(first)], np.stack([values[first], lengths], axis=1).ravel()])
 
 
-def _known(values: Floats) -> list[Ints]:
+def _known(values: Readings) -> list[Ints]:
     """Return which values are known, and those as steps."""
     there = ~np.isnan(values)
     return [_runs(there.astype(np.int64)), _steps(_integers(values[there]))]
 
 
-def _rows(places: Floats, columns: Iterable[Floats]) -> list[Ints]:
+def _rows(places: Floats, columns: Iterable[Readings]) -> list[Ints]:
     """Return the places of the rows in units of time as runs of equal steps, then each column."""
     return [_runs(_steps(_integers(places))), *(part for values in columns for part in _known(values))]
 
 
-def _stretch_of(trace: Trace, count: int) -> Ints:
-    """Return in which of `count` equal stretches of the run each row lies."""
-    share_of_run = (trace.seconds - trace.start) / (trace.end - trace.start)
-    return np.minimum((share_of_run * count + 1e-6).astype(np.int64), max(count - 1, 0))
-
-
-def _band(values: Floats, place: Ints, count: int) -> list[Ints]:
-    """Return the least value of each stretch, and how far above it the greatest is."""
-    there = ~np.isnan(values)
-    low, high = np.full(count, np.inf), np.full(count, -np.inf)
-    np.minimum.at(low, place[there], values[there])
-    np.maximum.at(high, place[there], values[there])
-    read = np.isfinite(low)
-    return [*_known(np.where(read, low, np.nan)), _integers(high[read]) - _integers(low[read])]
+def _band(trace: Trace, values: Readings, count: int) -> list[Ints]:
+    """Return the least value in each of `count` equal stretches of the run, and how far above it the greatest is."""
+    found = Stretches(count)
+    for rows in blocks(len(values)):
+        there = ~np.isnan(values[rows])
+        seconds = trace.seconds[rows][there]
+        share_of_run = (seconds - trace.start) / (trace.end - trace.start)
+        found.add((share_of_run * count + 1e-6).astype(np.int64), seconds, values[rows][there])
+    read = found.counts > 0
+    return [*_known(np.where(read, found.low, np.nan)), _integers(found.high[read]) - _integers(found.low[read])]
 
 
 def _kept(trace: Trace, most: int) -> NDArray[np.bool_]:
@@ -201,10 +199,8 @@ def _moments(trace: Trace) -> Iterator[tuple[float, float]]:
 def _parts(trace: Trace, kept: NDArray[np.bool_]) -> list[list[float]]:
     """Return from when to when, in seconds since the start, the rows are in the page."""
     edges = np.flatnonzero(np.diff(kept.astype(np.int8), prepend=0, append=0)).reshape(-1, 2)
-    seconds = trace.seconds - trace.start
-    return [
-        [round(float(seconds[first]), 6), round(float(seconds[stop - 1]) + trace.period_s, 6)] for first, stop in edges.tolist()
-    ]
+    starts, ends = (trace.seconds[places] - trace.start for places in (edges[:, 0], edges[:, 1] - 1))
+    return [[round(start, 6), round(end + trace.period_s, 6)] for start, end in zip(starts.tolist(), ends.tolist(), strict=True)]
 
 
 def _lanes(trace: Trace) -> dict[str, Sequence[Span]]:

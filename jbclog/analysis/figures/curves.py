@@ -6,14 +6,18 @@ the curve keeps the minimum, the maximum and the mean of each.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, Final, cast
 
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
+Readings = NDArray[np.float32] | NDArray[np.float64]
+"""Whole numbers of at most six digits, NaN where nothing was read; those of a long run in 32 bits, which hold them exactly."""
+BLOCK_ROWS: Final = 1 << 17
 Words = Sequence[str | None] | NDArray[np.object_] | pd.Categorical
 """A word for each row, None (no category) where there is none."""
 
@@ -38,24 +42,51 @@ class Envelope:
         return self.low is self.high
 
 
-def envelope(seconds: Floats, values: Floats, stretches: int, joined_s: float) -> Envelope:
+def envelope(seconds: Floats, values: Readings, stretches: int, joined_s: float) -> Envelope:
     """Return the curve of `values` (NaN: none) over `seconds`, at most `stretches` × 2 points wide.
 
     Samples further apart than `joined_s` are not joined by a line.
     """
     there = ~np.isnan(values)
-    at, value = seconds[there], values[there]
-    if len(at) <= 2 * stretches:
-        return _every_sample(at, value, joined_s)
-    width = (at[-1] - at[0]) / stretches
-    number = np.minimum(((at - at[0]) / width).astype(np.int64), stretches - 1)
-    first = np.flatnonzero(np.diff(number, prepend=-1))
-    counts = np.diff(np.append(first, len(number)))
-    middle = (at[first] + at[np.append(first[1:], len(at)) - 1]) / 2
-    low, high = np.minimum.reduceat(value, first), np.maximum.reduceat(value, first)
-    mean = np.add.reduceat(value, first) / counts
-    gaps = np.flatnonzero(np.diff(number[first]) > max(1.0, np.ceil(joined_s / width)))
-    return _broken(middle, low, high, mean, gaps)
+    if np.count_nonzero(there) <= 2 * stretches:
+        return _every_sample(seconds[there], values[there].astype(np.float64), joined_s)
+    begin, end = float(seconds[np.argmax(there)]), float(seconds[len(there) - 1 - np.argmax(there[::-1])])
+    width, found = (end - begin) / stretches, Stretches(stretches)
+    for rows in blocks(len(values)):
+        at, value = seconds[rows][there[rows]], values[rows][there[rows]]
+        found.add(((at - begin) / width).astype(np.int64), at, value)
+    number = np.flatnonzero(found.counts)
+    middle = (found.first[number] + found.last[number]) / 2
+    gaps = np.flatnonzero(np.diff(number) > max(1.0, np.ceil(joined_s / width)))
+    return _broken(middle, found.low[number], found.high[number], found.sums[number] / found.counts[number], gaps)
+
+
+def blocks(rows: int) -> Iterator[slice]:
+    """Yield slices of so many rows, so that what is computed of them takes little memory."""
+    return (slice(first, min(first + BLOCK_ROWS, rows)) for first in range(0, rows, BLOCK_ROWS))
+
+
+class Stretches:
+    """The readings in each of `count` stretches of a time: how many, their sum, the least and greatest, the first and last time."""
+
+    def __init__(self, count: int) -> None:
+        self.counts, self.sums = np.zeros(count, dtype=np.int64), np.zeros(count)
+        self.low, self.high = np.full(count, np.inf), np.full(count, -np.inf)
+        self.first, self.last = self.low.copy(), self.high.copy()
+
+    def add(self, number: NDArray[np.int64], seconds: Floats, values: Readings) -> None:
+        """Add readings by the number of their stretch; one beyond the first or last belongs to that."""
+        if not len(number):
+            return
+        number = np.clip(number, 0, len(self.counts) - 1)
+        first = np.flatnonzero(np.diff(number, prepend=-1))
+        place = number[first]
+        np.add.at(self.counts, place, np.diff(np.append(first, len(number))))
+        np.add.at(self.sums, place, np.add.reduceat(values, first, dtype=np.float64))
+        for found, of in ((self.low, values), (self.first, seconds)):
+            np.minimum.at(found, place, np.minimum.reduceat(of, first))
+        for found, of in ((self.high, values), (self.last, seconds)):
+            np.maximum.at(found, place, np.maximum.reduceat(of, first))
 
 
 def _every_sample(at: Floats, value: Floats, joined_s: float) -> Envelope:
@@ -92,6 +123,11 @@ class Span:
     @property
     def seconds(self) -> float:
         return self.end - self.start
+
+
+def coded(codes: NDArray[np.integer[Any]], words: Sequence[str]) -> pd.Categorical:
+    """Return the word for each row by its place in `words`; -1 is none."""
+    return cast(pd.Categorical, pd.Categorical.from_codes(codes, pd.Index([*words], dtype="object")))
 
 
 def runs(seconds: Floats, words: Words, period_s: float) -> list[Span]:

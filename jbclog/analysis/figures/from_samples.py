@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from jbclog.analysis.figures.curves import Floats, Span, merged, missing_ticks, runs
+from jbclog.analysis.figures.curves import Floats, Readings, Span, coded, merged, missing_ticks, runs
 from jbclog.analysis.figures.trace import Air, Grid, Trace
 from jbclog.core.rows import StationFacts
 
@@ -29,23 +29,23 @@ def trace(samples: pd.DataFrame, grid: Grid, *, of_states: bool = False, of_air:
     `of_states`: the station reports states and no temperature. `of_air`: the station is hot air.
     """
     seconds = grid.seconds(_floats(samples["tick"]), np.empty(0) if grid.period_s else _utc_us(samples["time"]))
-    temperature = _floats(samples["temperature_c"])
+    temperature = _readings(samples["temperature_c"])
     period_s = grid.period_s or _typical(seconds)
     is_read = np.array(any_state_read(samples), dtype=np.bool_) if of_states else ~np.isnan(temperature)
-    why = _texts(samples["quality"], but=is_read, ok="not due")
+    why = _coded(samples["quality"], but=is_read, ok="not due")
     skipped = missing_ticks(seconds, period_s) if grid.period_s else []
     return Trace(
         grid,
         period_s,
         seconds,
         temperature,
-        _floats(samples["power_permille"]),
-        _floats(samples["set_c"]),
+        _readings(samples["power_permille"]),
+        _readings(samples["set_c"]),
         runs(seconds, status_words(samples) if of_air else pd.Categorical(samples["status"]), period_s),
         sorted([*runs(seconds, why, period_s), *skipped], key=lambda span: span.start),
         states=state_lanes(samples, seconds, period_s) if of_states else {},
         air=air_of(samples, seconds, period_s) if of_air else None,
-        reasons=_texts(samples["reasons"]) if "reasons" in samples else np.empty(0, dtype=object),
+        reasons=_coded(samples["reasons"]) if "reasons" in samples else pd.Categorical([]),
     )
 
 
@@ -53,11 +53,13 @@ def _utc_us(times: pd.Series[pd.Timestamp]) -> Floats:
     return np.asarray(times.to_numpy(dtype="datetime64[us]").astype(np.int64).astype(np.float64))
 
 
-def _texts(column: pd.Series[str], *, but: NDArray[np.bool_] | None = None, ok: str = "ok") -> NDArray[np.object_]:
-    """Return the texts of a column, None where there is none and in the rows `but`; ``ok`` is called `ok`."""
-    coded = pd.Categorical(column)
-    texts = np.array([*(ok if text == "ok" else text for text in coded.categories), None], dtype=object)
-    return np.asarray(texts[coded.codes if but is None else np.where(but, -1, coded.codes)])  # code -1 is the last one
+def _coded(column: pd.Series[str], *, but: NDArray[np.bool_] | None = None, ok: str = "ok") -> pd.Categorical:
+    """Return the texts of a column, none where there is none and in the rows `but`; ``ok`` is called `ok`."""
+    given = pd.Categorical(column)
+    names = [ok if text == "ok" else str(text) for text in given.categories]
+    distinct = [*dict.fromkeys(names)]
+    number = np.array([*map(distinct.index, names), -1], dtype=np.int32)  # code -1 is the last one
+    return coded(number[np.asarray(given.codes) if but is None else np.where(but, -1, given.codes)], distinct)
 
 
 def _typical(seconds: Floats) -> float:
@@ -125,6 +127,11 @@ def _flow(samples: pd.DataFrame, seconds: Floats, period_s: float) -> list[Span]
     spans = [Span(float(at), float(at) + period_s, f"{value:.0f} ‰") for at, value in readings]
     edges = [0, *(np.flatnonzero(np.diff(outages)) + 1), len(spans)]
     return [span for a, b in pairwise(edges) for span in merged(spans[a:b], FLOW_JOINED_S)]
+
+
+def _readings(column: pd.Series[int]) -> Readings:
+    """Return readings as floats, NaN for a missing one; those in 32 bits as they are."""
+    return np.asarray(column, dtype=np.float32) if column.dtype == np.float32 else _floats(column)
 
 
 def _floats(column: pd.Series[int]) -> Floats:

@@ -6,16 +6,17 @@ A figure contains numbers and words from fixed lists, and no text from outside.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from jbclog.analysis.figures import style
 from jbclog.analysis.figures.axes import Label, bars, dots, labelled, panel, rectangles, size_pt, steps, ticked, valued
 from jbclog.analysis.figures.canvas import new_figure, styled
-from jbclog.analysis.figures.curves import Envelope, Floats, Span, envelope, lone, merged, widened
+from jbclog.analysis.figures.curves import Envelope, Floats, Readings, Span, envelope, lone, merged, widened
 from jbclog.analysis.figures.lanes import LANE_PT, Lane, draw_lanes, lanes_of, least_seen_s
 from jbclog.analysis.figures.style import Format, Look
 from jbclog.analysis.figures.ticks import round_values, time_marks
@@ -74,7 +75,7 @@ def _panels(figure: Figure, top: float, trace: Trace, lanes: list[Lane], form: F
     return [panel(figure, LEFT, top + one, width, height) for one, height in zip(tops, heights, strict=True)]
 
 
-def _known(values: Floats) -> Floats:
+def _known(values: Readings) -> Readings:
     return values[~np.isnan(values)]
 
 
@@ -94,7 +95,7 @@ def _scale(axes: Axes, trace: Trace, *, has_knee: bool) -> None:
     external = np.empty(0) if trace.air is None else _known(trace.air.external)
     lines = [external, _known(trace.setting), *(np.array(limit.celsius) for limit in trace.limits)]
     low, high = _range([trace.temperature, *lines], least=20)
-    knee = _knee(np.concatenate([trace.temperature, external]), lines[1:], low, high) if has_knee else None
+    knee = _knee([_known(trace.temperature), external], lines[1:], low, high) if has_knee else None
     axes.set_ylim(low, high)
     if knee is not None:
         axes.set_yscale("function", functions=_bent(low, knee, high))
@@ -104,24 +105,31 @@ def _scale(axes: Axes, trace: Trace, *, has_knee: bool) -> None:
     valued(axes, round_values(low, high, 5) if knee is None else _bent_values(low, knee, high))
 
 
-def _range(parts: Sequence[Floats], least: float) -> tuple[float, float]:
+def _range(parts: Sequence[Readings], least: float) -> tuple[float, float]:
     """Return a range that contains every value, with a margin."""
-    values = np.concatenate([_known(part) for part in parts])
-    if not len(values):
+    ends = [(float(known.min()), float(known.max())) for part in parts if len(known := _known(part))]
+    if not ends:
         return 0.0, 400.0
-    low, high = float(values.min()), float(values.max())
+    low, high = min(one for one, _ in ends), max(one for _, one in ends)
     margin = max(0.06 * (high - low), (least - (high - low)) / 2, 2.0)
     return low - margin, high + margin
 
 
-def _knee(temperature: Floats, lines: Sequence[Floats], low: float, high: float) -> float | None:
+def _knee(read: Sequence[Readings], lines: Sequence[Readings], low: float, high: float) -> float | None:
     """Return the temperature below which the scale may be coarser: few samples, no line, and enough height saved; else None."""
-    known = _known(temperature)
+    known = np.concatenate(read)
     if not len(known):
         return None
-    floor = min(float(_known(part).min()) for part in (np.quantile(known, [RARE]), *lines) if len(_known(part)))
+    floor = min(float(_known(part).min()) for part in (np.array([_quantile(known, RARE)]), *lines) if len(_known(part)))
     knee = 10 * np.floor((floor - 5) / 10)
     return float(knee) if high - knee < 0.5 * (high - low) else None
+
+
+def _quantile(values: NDArray[Any], share: float) -> float:
+    """Return the quantile as `np.quantile` of the same values in 64 bits, without a copy of them in 64 bits; reorders them."""
+    place, part = divmod(share * (len(values) - 1), 1)
+    values.partition([int(place), min(int(place) + 1, len(values) - 1)])
+    return float(np.quantile(values[int(place) : int(place) + 2].astype(np.float64), part))
 
 
 def _bent(low: float, knee: float, high: float) -> tuple[Callable[[Floats], Floats], Callable[[Floats], Floats]]:
@@ -196,7 +204,9 @@ def _power(axes: Axes, trace: Trace, form: Format) -> None:
         labelled(axes, [(float(known.max()), f"max {known.max():g}", style.POWER)], form.font_pt)
 
 
-def _curve(axes: Axes, trace: Trace, values: Floats, form: Format, look: tuple[str, str, str], *, is_filled: bool = False) -> None:
+def _curve(
+    axes: Axes, trace: Trace, values: Readings, form: Format, look: tuple[str, str, str], *, is_filled: bool = False
+) -> None:
     """Draw the mean as a line in the band from minimum to maximum; a reading without neighbours as a dot or a bar."""
     colour, band, of = look
     curve = envelope(trace.seconds, values, form.stretches, JOINED_PERIODS * trace.period_s)

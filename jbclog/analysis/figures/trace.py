@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+import pandas as pd
+from numpy.typing import ArrayLike
 
-from jbclog.analysis.figures.curves import Floats, Span, dates, within
+from jbclog.analysis.figures.curves import Floats, Readings, Span, dates, within
 from jbclog.analysis.verdict.clock_steps import Step, Unstepped
 
 JOINED_PERIODS = 1.5  # samples further apart than this are not joined by a line
@@ -68,7 +69,7 @@ class Mark:
 class Air:
     """Hot air on the rows of a trace: °C of the work (NaN where it was not read), and lanes by name."""
 
-    external: Floats
+    external: Readings
     lanes: dict[str, list[Span]]
 
     def between(self, rows: np.ndarray[tuple[int], np.dtype[np.bool_]], start: float, end: float) -> Air:
@@ -84,9 +85,9 @@ class Trace:
     grid: Grid
     period_s: float
     seconds: Floats
-    temperature: Floats
-    power: Floats
-    setting: Floats
+    temperature: Readings
+    power: Readings
+    setting: Readings
     status: list[Span]
     gaps: list[Span]
     limits: Sequence[Limit] = ()
@@ -94,7 +95,7 @@ class Trace:
     states: Mapping[str, list[Span]] = field(default_factory=dict)  # lanes of a station without a temperature
     air: Air | None = None  # of hot air
     joints: Sequence[Span] = ()  # their words are those of `JointEnd`
-    reasons: NDArray[np.object_] = field(default_factory=lambda: np.empty(0, dtype=object))  # of each row, or None
+    reasons: pd.Categorical = field(default_factory=lambda: pd.Categorical([]))  # of each row; empty: not read
 
     @property
     def start(self) -> float:

@@ -19,8 +19,8 @@ import pyarrow.compute as pc
 from jbclog.analysis.joints.draws import Draw
 from jbclog.analysis.joints.joints import FoundJoints, find_joints
 from jbclog.analysis.joints.parameters import JointOptions, options_of
-from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, Key, PortReader, at_once, filtered, floats, micros
-from jbclog.analysis.joints.port_rows import CYCLES, cycles_of
+from jbclog.analysis.joints.port_reader import MOST_PORTS, MOST_ROWS, PortReader, at_once, floats, micros
+from jbclog.analysis.joints.port_rows import CYCLES, Key, cycles_of
 from jbclog.analysis.joints.recovery import Joint
 from jbclog.analysis.joints.series import Cycles, Series
 from jbclog.analysis.joints.solder_wire import counter_span, feeds_counted
@@ -87,7 +87,7 @@ def _whole(
 ) -> dict[Key, PortFound]:
     found, counters = {}, {facts.name: _counters(read, facts.name) for facts in stations}
     for (name, port), (plain, utc_us) in reader.whole().items():
-        counted = filtered(counters[name], pc.equal(counters[name]["port"], port))
+        counted = counters[name].filter(pc.equal(counters[name]["port"], port))
         series = replace(plain, cycles=_cycles(counted, utc_us, plain.seconds))
         last_s = float(series.seconds[-1]) if len(series.seconds) else 0.0
         joints = find_joints(series, options[name])
@@ -118,7 +118,7 @@ def _rows(facts: StationFacts) -> int:
 
 
 def _counters(read: Read, station: str) -> pa.Table:
-    pieces = [filtered(group, pc.equal(group["station"], station)) for group in read("counters", COUNTERS)]
+    pieces = [group.filter(pc.equal(group["station"], station)) for group in read("counters", COUNTERS)]
     return pa.concat_tables([SCHEMAS["counters"].empty_table().select(COUNTERS), *pieces])
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from jbclog.analysis.joints.port_rows import COLUMNS, PUSHING, WORKING, Clock
+from jbclog.analysis.joints.port_rows import COLUMNS, PUSHING, WORKING, Clock, Key, by_port
 from jbclog.analysis.joints.series import Series, nominal_period
 from jbclog.analysis.joints.values import Values
 from jbclog.analysis.joints.windows import Windows, joined, placed
@@ -27,8 +27,6 @@ from jbclog.core.rows import StationFacts
 from jbclog.record.schema import SCHEMAS
 
 T = TypeVar("T")
-Key = tuple[str, int]
-"""Station and port."""
 Groups = Callable[[list[str]], Iterable[pa.Table]]
 """Reads these columns of the row groups of a run's samples in order; station and port are among them."""
 MOST_ROWS: Final = 1_000_000  # at once in memory, some 100 MB
@@ -38,7 +36,7 @@ SAME_S: Final = 1e-6
 STEP_DECIMALS: Final = 12  # of a second: times since 1970 as floats are multiples of 0.24 µs, so there are few steps
 
 
-def at_once(some: Sequence[T], size: Callable[[T], int], most: int) -> Iterator[list[T]]:
+def at_once(some: Sequence[T], size: Callable[[T], float], most: float) -> Iterator[list[T]]:
     """Yield batches of at most this total size, with at least one element each."""
     held: list[T] = []
     for one in some:
@@ -171,19 +169,8 @@ class PortReader:
         self._rows, self._kept = rows, kept
 
     def _split(self, group: pa.Table) -> Iterator[tuple[Key, pa.Table]]:
-        """Yield the rows of each port in a row group."""
-        for name in dict.fromkeys(name for name, _ in self._facts):
-            of_station = filtered(group, pc.equal(group["station"], name))
-            if not of_station.num_rows:
-                continue
-            for key in self._facts:
-                if key[0] == name and (rows := filtered(of_station, pc.equal(of_station["port"], key[1]))).num_rows:
-                    yield key, rows
-
-
-def filtered(rows: pa.Table, wanted: pa.ChunkedArray) -> pa.Table:
-    """Return the rows that are wanted; the same table if all are."""
-    return rows if pc.all(wanted).as_py() else rows.filter(wanted)
+        """Yield the rows of each of these ports in a row group."""
+        return ((key, rows) for key, rows in by_port(group) if key in self._facts)
 
 
 def raw_series(facts: StationFacts, rows: pa.Table, clock: Clock, period_s: float = 0.0) -> Series:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
+import pyarrow as pa
 
 from jbclog.analysis.joints.series import Cycles
 from jbclog.analysis.verdict.clock_steps import Step, Unstepped
@@ -14,6 +16,8 @@ from jbclog.analysis.verdict.rules import has_tip
 from jbclog.analysis.verdict.samples import Counts
 from jbclog.core.rows import StationFacts
 
+Key = tuple[str, int]
+"""Station and port."""
 COLUMNS: Final = [
     *("time", "tick", "station", "port", "temperature_c", "power_permille", "status", "motor", "set_c"),
     *("tool", "port_error"),
@@ -22,6 +26,22 @@ WORKING: Final = ("working", "on")
 PUSHING: Final = "forward"
 CYCLES: Final = "dispensed_cycles"
 STATES_FAMILIES: Final = ("omega",)
+
+
+def by_port(rows: pa.Table) -> Iterator[tuple[Key, pa.Table]]:
+    """Yield the rows of each port of each station in their order; without a copy where there is only one."""
+    if not rows.num_rows:
+        return
+    names, ports = rows["station"].cast(pa.string()).combine_chunks().dictionary_encode(), rows["port"].to_numpy()
+    stations = names.indices.to_numpy()
+    if len(names.dictionary) == 1 and (ports == ports[0]).all():
+        yield (names.dictionary[0].as_py(), int(ports[0])), rows
+        return
+    order = np.lexsort((ports, stations))
+    sorted_rows, stations, ports = rows.take(pa.array(order)), stations[order], ports[order]
+    edges = np.flatnonzero((np.diff(stations) != 0) | (np.diff(ports) != 0)) + 1
+    for first, stop in pairwise([0, *edges.tolist(), len(order)]):
+        yield (names.dictionary[int(stations[first])].as_py(), int(ports[first])), sorted_rows.slice(first, stop - first)
 
 
 class Clock:

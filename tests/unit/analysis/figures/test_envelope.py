@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from jbclog.analysis.figures import curves
 from jbclog.analysis.figures.curves import envelope, lone
 
 EIGHT_HOURS = 288_000
@@ -69,3 +70,19 @@ def test_the_band_holds_every_sample(data: st.DataObject) -> None:
     assert not (curve.high < curve.mean - 1e-9).any()
     assert not (curve.low > curve.mean + 1e-9).any()
     assert (np.diff(curve.seconds) >= 0).all()
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_a_curve_is_the_same_in_blocks(monkeypatch: pytest.MonkeyPatch, kind: type[np.float32] | type[np.float64]) -> None:
+    chance = np.random.default_rng(3)
+    values = chance.integers(300, 400, 5000).astype(kind)
+    values[chance.random(5000) < 0.2] = values[1000:1900] = np.nan
+    seconds = np.cumsum(chance.integers(1, 3, 5000)) / 10
+    whole = envelope(seconds, values, 90, 0.15)
+    monkeypatch.setattr(curves, "BLOCK_ROWS", 37)
+    pieces = envelope(seconds, values, 90, 0.15)
+    assert np.isnan(whole.mean).any()
+    for name in ("seconds", "low", "high", "mean"):
+        np.testing.assert_array_equal(getattr(pieces, name), getattr(whole, name))
+    there = ~np.isnan(values)
+    assert np.nanmax(whole.high) == values[there].max()
