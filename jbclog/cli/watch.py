@@ -61,11 +61,12 @@ def _show(path: Path) -> None:
         from jbclog.app.watch.terminal import WatchApp
     except ModuleNotFoundError as error:
         raise UsageError(NOT_INSTALLED.format(error, "watch")) from None
+    from jbclog.app.watch import words
     from jbclog.app.watch.batch_queue import QueueFollower
     from jbclog.live import follow
 
     with follow(path, joints=True) as follower:
-        app = WatchApp(follower.poll, queues=QueueFollower(path).poll)
+        app = WatchApp(follower.poll, queues=QueueFollower(path).poll, no_run=words.no_run(path))
         app.run()
     raise typer.Exit(app.return_code or 0)
 
@@ -75,6 +76,7 @@ def _serve(path: Path, address: str, port: int, token: str | None) -> None:
         from jbclog.app.watch.server import Access, PageServer, is_loopback, listening
     except ModuleNotFoundError as error:
         raise UsageError(NOT_INSTALLED.format(error, "web")) from None
+    from jbclog.app.watch import words
     from jbclog.app.watch.batch_queue import QueueFollower
     from jbclog.live import follow
 
@@ -87,6 +89,8 @@ def _serve(path: Path, address: str, port: int, token: str | None) -> None:
     query = "" if token is None else f"?token={token}"
     note(f"watching {path} on http://{host}:{opened.getsockname()[1]}/{query}; Ctrl-C ends it")
     with opened, follow(path, joints=True) as follower:
+        if follower.poll() is None:
+            note(words.no_run(path))
         _run_until_signal(PageServer(follower.poll, Access(address, token), path, QueueFollower(path).poll), opened)
 
 

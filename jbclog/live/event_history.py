@@ -20,15 +20,16 @@ ALARMS_BEGIN: Final = ("alarm.high", "alarm.low")
 ALARMS_END: Final = {"alarm.high.ended": "alarm.high", "alarm.low.ended": "alarm.low"}
 EPISODE_BEGINS, EPISODE_ENDS = "alarm.episode.raised", "alarm.episode.cleared"
 FLAGS_LOST: Final = "alarm.unknown"
+LINK_LOST: Final = "link.lost"
 
 PROBLEMS_BEGIN: Final = (
-    *("link.lost", "robot.off", "station.error", "port.error", "tool.unknown"),
+    *(LINK_LOST, "robot.off", "station.error", "port.error", "tool.unknown"),
     *("solder.shortage", "feeder.clogged", "control.preparing", "temperature.out_of_range"),
     *("safety.not_safe", "safety.not_known", "alarm.episode.failed", "identity.changed", "setting.changed"),
     *("record.failed", "guard.none", "guard.weak", "guard.lost", "guard.failed", "guard.took_over", "wire.failed"),
 )
 PROBLEMS_END: Final = {
-    "link.back": "link.lost",
+    "link.back": LINK_LOST,
     "robot.on": "robot.off",
     "station.ok": "station.error",
     "port.ok": "port.error",
@@ -64,6 +65,10 @@ class EventHistory:
     def problems(self, place: Place) -> tuple[str, ...]:
         """Return the texts of the problems that hold at a place."""
         return tuple(self._problems.get(place, {}).values())
+
+    def is_link_lost(self, station: str) -> bool:
+        """Whether a station was reached no more, and not again since."""
+        return LINK_LOST in self._problems.get((station, None), {})
 
     def flags_lost_at(self, place: Place) -> int | None:
         """Return when the answer with the alarm flags was lost last, UTC in µs."""

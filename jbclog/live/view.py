@@ -102,6 +102,7 @@ class RunView:
         place = facts.name, number
         history = self.samples.ports.get(place) or PortHistory()
         is_live = phase is Phase.RECORDING and facts.outcome == StationOutcome.RUNNING
+        is_live = is_live and not self.events.is_link_lost(facts.name) and not ages.is_behind(history.newest, ages.newest)
         is_old = not is_live or ages.is_old(history.newest)
         readings = {column: ages.reading(history, column, is_old=is_old) for column in {*history.values, *history.failures}}
         if facts.signals and MAIN not in facts.signals:
@@ -168,13 +169,20 @@ class _Ages:
         value, failure = history.values.get(column), history.failures.get(column)
         is_failed = failure is not None and (value is None or failure.moment.tick > value.moment.tick)
         age = None if value is None else self.age_s(value.moment)
-        is_old = is_old or (column == MAIN and self.is_old(value))
+        is_missed = is_failed and self.is_behind(value, failure and failure.moment)
+        is_old = is_old or (column == MAIN and (is_missed or self.is_old(value)))
         return Reading(
             None if value is None else value.value,  # type: ignore[arg-type]  # the schema has no other types
             age,
             str(failure.value) if failure is not None and is_failed else None,
             is_old,
         )
+
+    def is_behind(self, last: Last | None, known: Moment | None) -> bool:
+        """Whether a row is more than two periods older than one of the same station; no commit brings what lies between."""
+        if self.period_s is None or last is None or known is None:
+            return False
+        return known.tick - last.moment.tick > STALE_PERIODS
 
     def is_old(self, last: Last | None) -> bool:
         """Whether a value is too old to be shown as known."""

@@ -21,7 +21,8 @@ Json = dict[str, object]
 class Feed:
     """Makes messages from states. `whole` is for a page that has nothing yet, `change` for those that have the last message."""
 
-    def __init__(self) -> None:
+    def __init__(self, no_run: str = words.NO_RUN) -> None:
+        self._no_run = no_run  # what is shown without a run
         self._state: RunState | None = None
         self._queues: Sequence[BatchQueue] = ()
         self._sent: dict[Key, float] = {}  # `last_s` of each trace
@@ -37,7 +38,15 @@ class Feed:
         sent = {} if is_other else self._sent
         self._state = state
         if state is None:
-            return json_line({"run": words.NO_RUN, "whole": True, "ports": [], "stations": [], "events": [], **_queue(queues)})
+            nothing: Json = {
+                "run": self._no_run,
+                "title": words.title(None),
+                "whole": True,
+                "ports": [],
+                "stations": [],
+                "events": [],
+            }
+            return json_line({**nothing, **_queue(queues)})
         self._sent = {(port.station, port.port): port.trace.last_s for port in state.ports}
         return _message(state, queues, sent, is_whole=is_other)
 
@@ -51,6 +60,7 @@ class Feed:
 def _message(state: RunState, queues: Sequence[BatchQueue], sent: dict[Key, float], *, is_whole: bool) -> str:
     data: Json = {
         "run": words.run_line(state),
+        "title": words.title(state),
         "folder": state.folder.name,
         "phase": str(state.phase),
         "status": words.status_line(state),

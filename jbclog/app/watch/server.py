@@ -26,6 +26,7 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response, S
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from jbclog.app.watch import words
 from jbclog.app.watch.batch_queue import BatchQueue
 from jbclog.app.watch.feed import Feed
 from jbclog.app.watch.past_runs import past_runs, report_of
@@ -81,7 +82,7 @@ class Access:
     token: str | None
 
     def knows_host(self, host: str) -> bool:
-        """Whether a request's header Host names this server."""
+        """Whether a request's header Host names this server. Its port may be another one: that of a tunnel or a container."""
         name = host.rpartition(":")[0] if not host.endswith("]") and ":" in host else host
         name = name.strip("[]").lower()
         return name in LOOPBACK or name == self.address.lower() or (self.token is not None and _is_own(name, self.address))
@@ -143,7 +144,7 @@ class Guard:
         host, origin = request.headers.get("host", ""), request.headers.get("origin")
         if not self._access.knows_host(host):
             return PlainTextResponse("this server has another name", 421)
-        if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
+        if origin is not None and origin != f"{request.url.scheme}://{host}":
             return PlainTextResponse("requests from other pages are refused", 403)
         if request.method not in ("GET", "HEAD"):
             return PlainTextResponse("this server only reads", 405, {"allow": "GET, HEAD"})
@@ -194,18 +195,35 @@ class Broadcast:
         for queue in self.browsers:
             queue.put_nowait(None)
 
-    async def messages(self) -> AsyncIterator[str]:
-        """Yield what a browser gets: the whole state, then changes, until it is too slow."""
+    def join(self) -> Queue | None:
+        """Add a browser, at once, so that requests that come together are counted; None: there are as many as may be."""
+        if len(self.browsers) >= MOST_BROWSERS:
+            return None
         queue = Queue()
-        whole = self.feed.whole()  # a change that it has already may follow: the page leaves out points that it has
         self.browsers.add(queue)
+        return queue
+
+    async def messages(self, queue: Queue) -> AsyncIterator[str]:
+        """Yield what a browser gets: the whole state, then changes, until it is too slow."""
+        whole = self.feed.whole()  # a change that it has already may follow: the page leaves out points that it has
+        if whole:
+            yield _event(whole)
+        while (message := await queue.get()) is not None:
+            yield _event(message)
+
+
+class Stream(StreamingResponse):
+    """The messages to one browser, which leaves the broadcast with the end of its answer, also of one that never began."""
+
+    def __init__(self, broadcast: Broadcast, queue: Queue) -> None:
+        super().__init__(broadcast.messages(queue), media_type="text/event-stream")
+        self._broadcast, self._queue = broadcast, queue
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         try:
-            if whole:
-                yield _event(whole)
-            while (message := await queue.get()) is not None:
-                yield _event(message)
+            await super().__call__(scope, receive, send)
         finally:
-            self.browsers.discard(queue)
+            self._broadcast.browsers.discard(self._queue)
 
 
 def _event(message: str) -> str:
@@ -222,9 +240,10 @@ def application(broadcast: Broadcast, access: Access, path: Path) -> ASGIApp:
         task.cancel()
 
     async def events(_: Request) -> Response:
-        if len(broadcast.browsers) >= MOST_BROWSERS:
+        queue = broadcast.join()
+        if queue is None:
             return PlainTextResponse(f"{MOST_BROWSERS} browsers are connected already", 503)
-        return StreamingResponse(broadcast.messages(), media_type="text/event-stream")
+        return Stream(broadcast, queue)
 
     def runs(_: Request) -> Response:
         try:
@@ -274,7 +293,7 @@ class PageServer(uvicorn.Server):
     """Serves the page of a run; `run` takes a list with a socket of `listening`, and ends at SIGINT or SIGTERM."""
 
     def __init__(self, source: Source, access: Access, path: Path, queues: Queues = tuple) -> None:
-        self._broadcast = Broadcast(source, queues)
+        self._broadcast = Broadcast(source, queues, Feed(words.no_run(path)))
         app = application(self._broadcast, access, path)
         config = uvicorn.Config(app, log_level="error", access_log=False, server_header=False, ws="none")
         config.timeout_graceful_shutdown = GRACE_S

@@ -149,12 +149,12 @@ class WatchApp(App[None]):
         Binding("s", "severity", "severity"),
     ]
 
-    def __init__(self, source: Source, every_s: float | None = EVERY_S, queues: Queues = tuple) -> None:
+    def __init__(self, source: Source, every_s: float | None = EVERY_S, queues: Queues = tuple, no_run: str = words.NO_RUN) -> None:
         super().__init__()
         self.run_state: RunState | None = None
         self.severity = Severity.INFO
         self._source, self._queues, self._every_s = source, queues, every_s
-        self._trouble = ""
+        self._no_run = no_run
 
     def compose(self) -> ComposeResult:
         yield Static(READING, id="head")
@@ -189,7 +189,7 @@ class WatchApp(App[None]):
             if state is not None:
                 self.show(state)
             elif self.run_state is None:
-                self._show_head(words.NO_RUN)
+                self._show_head(self._no_run)
 
     def show(self, run: RunState) -> None:
         """Show a run."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from bisect import bisect_left
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Final
 
 from jbclog.app.watch.batch_queue import BatchQueue
@@ -32,6 +33,7 @@ OLD_COUNT_S: Final = 15.0  # from which on a number of joints has its age beside
 LABEL: Final = 8  # columns of the labels of a plot
 NO_RUN: Final = "no run yet"
 WORST: Final = tuple(Condition)
+NOTHING_KNOWN: Final = (Phase.CRASHED, Phase.DELAYED, Phase.UNREADABLE, Phase.GONE)
 
 
 def age_text(seconds: float | None) -> str:
@@ -113,6 +115,18 @@ def run_line(run: RunState) -> str:
 def worst(run: RunState) -> Condition | None:
     """Return the worst condition of the run's ports; None without ports."""
     return min((port.condition for port in run.ports), key=WORST.index, default=None)
+
+
+def title(run: RunState | None) -> str:
+    """The page's title in a word or two: a phase in which nothing on it is known, else the worst condition."""
+    if run is None:
+        return NO_RUN.upper()
+    return (str(run.phase) if run.phase in NOTHING_KNOWN else str(worst(run) or Condition.NOT_KNOWN)).upper()
+
+
+def no_run(path: Path) -> str:
+    """What stands in the place of a run while a folder has none."""
+    return f"no run in {clean(str(path))} yet; it is shown as soon as one begins"
 
 
 def status_line(run: RunState) -> str:

@@ -220,6 +220,58 @@ def test_an_old_reading_is_stale(recording: Recording, follower: Follower, clock
     assert two.temperature.age_s == pytest.approx(3.1, abs=1.5)
 
 
+LOST = {
+    "temperature_c": None,
+    "power_permille": None,
+    "quality": "timeout",
+    "reasons": "temperature_c=timeout;power_permille=timeout",
+}
+
+
+@pytest.mark.parametrize(("failed", "expected"), [(1, Condition.NOT_KNOWN), (2, Condition.NOT_KNOWN), (3, Condition.STALE)])
+def test_readings_that_fail_are_stale_after_two_periods(
+    recording: Recording, follower: Follower, failed: int, expected: Condition
+) -> None:
+    """By the rows themselves: whatever the time from a commit to the look at it."""
+    recording.rows(5)
+    recording.rows(failed, **LOST)
+    recording.commit()
+    one, two = polled(follower).ports
+    assert (one.condition, two.condition) == (expected, expected)
+    assert (one.temperature.why, one.temperature.is_known) == ("timeout", False)
+
+
+def test_a_station_that_is_unplugged_is_stale_in_the_update_that_shows_it(recording: Recording, follower: Follower) -> None:
+    recording.rows(5)
+    recording.commit()
+    assert polled(follower).ports[0].condition is Condition.NORMAL
+    recording.event("link.lost", "The station cannot be reached.")
+    recording.commit()
+    port = polled(follower).ports[0]
+    assert port.condition is Condition.STALE
+    assert not any(reading.is_known for reading in port.readings.values())
+    recording.rows(1, **LOST)
+    recording.commit()
+    assert polled(follower).ports[0].condition is Condition.STALE
+    recording.event("link.back", "The station is reached again.")
+    recording.rows(1)
+    recording.commit()
+    assert polled(follower).ports[0].condition is Condition.NORMAL
+
+
+@pytest.mark.parametrize(("behind", "expected"), [(2, Condition.NORMAL), (3, Condition.STALE)])
+def test_a_port_without_the_rows_of_the_other_is_stale(
+    recording: Recording, follower: Follower, behind: int, expected: Condition
+) -> None:
+    recording.rows(5)
+    recording.ports = (1,)
+    recording.rows(behind)
+    recording.ports = (1, 2)
+    recording.commit()
+    one, two = polled(follower).ports
+    assert (one.condition, two.condition) == (Condition.NORMAL, expected)
+
+
 def test_without_a_commit_nothing_looks_well(recording: Recording, follower: Follower, clock: LaterClock) -> None:
     recording.rows(5)
     recording.commit()
@@ -267,7 +319,7 @@ def test_alarms_and_problems_hold_until_their_end(recording: Recording, follower
     recording.commit()
     one, two = whole(follower).ports
     assert (one.condition, one.alarms, two.alarms) == (Condition.ALARM, ("above 380 °C",), ())
-    assert (two.condition, two.problems) == (Condition.ATTENTION, ("cable unplugged",))
+    assert (two.condition, two.problems) == (Condition.STALE, ("cable unplugged",))
     recording.event("alarm.high.ended", "back", 1)
     recording.event("link.back", "back")
     recording.rows(1)

@@ -122,7 +122,7 @@
   function take(message) {
     heard = performance.now();
     document.body.classList.remove("lost");
-    if (message.trouble) { put(find("status"), message.trouble); document.body.dataset.worst = "stale"; return; }
+    if (message.trouble) { put(find("status"), message.trouble); document.body.dataset.worst = "stale"; document.title = "NOT READABLE – jbclog watch"; return; }
     if (message.whole) for (const tile of tiles.values()) tile.trace.seconds.length = tile.trace.temperature.length = tile.trace.power.length = 0;
     if (last && last.folder !== message.folder) { hour = null; if (open) plot.whole(); find("span").value = "minute"; }
     last = message;
@@ -130,7 +130,7 @@
     put(find("status"), message.status || "");
     put(find("zone"), message.zone ? `times in ${message.zone}` : "");
     document.body.dataset.worst = message.worst || "stale";
-    document.title = `${(message.worst || message.run).toUpperCase()} – jbclog watch`;
+    document.title = `${message.title} – jbclog watch`;
     const keys = new Set(message.ports.map((port) => port.key));
     for (const [key, tile] of tiles) if (!keys.has(key)) { tile.box.remove(); tiles.delete(key); }
     message.ports.forEach(showPort);

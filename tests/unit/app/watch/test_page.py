@@ -403,6 +403,7 @@ def test_trouble_with_the_record_is_shown(browser: Chromium) -> None:
         opened = seen(browser, served)
         served.answer = RecordError("the disk is away")
         opened.until("document.getElementById('status').textContent === 'the disk is away'")
+        assert opened.js("document.title") == "NOT READABLE – jbclog watch"
         opened.close()
 
 
@@ -560,4 +561,5 @@ def test_a_killed_recorder_is_seen_as_such(browser: Chromium, tmp_path: Path) ->
         opened.until("document.getElementById('run').textContent.includes('CRASHED')")
         assert opened.js(f"{TILE.format(0)}.dataset.condition") == "stale"
         assert "without finalizing" in text(opened, "#status")
+        assert opened.js("document.title") == "CRASHED – jbclog watch"
         opened.close()

@@ -97,10 +97,23 @@ def test_it_answers_to_its_own_names(served: Served, host: str, expected: int) -
 
 
 @pytest.mark.parametrize(
-    ("origin", "expected"), [("http://127.0.0.1:{}", 200), ("http://evil.example", 403), ("null", 403), ("http://127.0.0.1:1", 403)]
+    ("origin", "expected"),
+    [
+        ("http://127.0.0.1:{}", 200),
+        ("http://evil.example", 403),
+        ("null", 403),
+        ("http://127.0.0.1:1", 403),
+        ("https://127.0.0.1:{}", 403),
+    ],
 )
 def test_other_origins_are_refused(served: Served, origin: str, expected: int) -> None:
     assert code(served, "/", Origin=origin.format(served.port)) == expected
+
+
+def test_behind_a_proxy_with_tls_its_own_origin_is_that_of_the_proxy(served: Served) -> None:
+    origin = f"https://127.0.0.1:{served.port}"
+    assert code(served, "/", Origin=origin, **{"X-Forwarded-Proto": "https"}) == 200
+    assert code(served, "/", Origin=origin.replace("https", "http"), **{"X-Forwarded-Proto": "https"}) == 403
 
 
 def test_another_address_needs_the_token(locked: Served) -> None:
@@ -152,7 +165,8 @@ def test_hidden_characters_stay_away(served: Served) -> None:
 
 def test_no_run_and_trouble_are_messages() -> None:
     with page(None) as served:
-        assert messages(served, 1)[0]["run"] == "no run yet"
+        first = messages(served, 1)[0]
+        assert (first["run"], first["title"]) == ("no run in none yet; it is shown as soon as one begins", "NO RUN YET")
         served.answer = RecordError("the disk is away")
         assert messages(served, 3)[-1] == {"trouble": "the disk is away"}
         served.answer = ValueError("a mistake of ours")
@@ -174,6 +188,19 @@ def test_a_hundred_browsers_and_no_more() -> None:
             if messages_or_none(served):
                 break
         assert messages(served, 1)[0]["whole"] is True
+
+
+def test_no_more_of_those_that_come_at_once() -> None:
+    """Requests that wait together, before the first of them has its answer."""
+    with page(live_states.run()) as served:
+        request = f"GET /events HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\n\r\n".encode()
+        opened = [socket.create_connection(("127.0.0.1", served.port), 60) for _ in range(MOST_BROWSERS + 20)]
+        for one in opened:
+            one.sendall(request)
+        codes = [one.recv(12).split()[1] for one in opened]
+        for one in opened:
+            one.close()
+    assert (codes.count(b"200"), codes.count(b"503")) == (MOST_BROWSERS, 20)
 
 
 def messages_or_none(served: Served) -> bool:

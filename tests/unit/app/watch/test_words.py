@@ -8,7 +8,7 @@ import pytest
 
 from jbclog.app.watch import words
 from jbclog.core.rows import EventRow, Severity
-from jbclog.live import Condition, Coverage, Joints, NumberedEvent, PortState, Reading, Trace
+from jbclog.live import Condition, Coverage, Joints, NumberedEvent, Phase, PortState, Reading, Trace
 from jbclog.live.states import NOT_COUNTED
 from support.records import live_states
 
@@ -123,3 +123,12 @@ def test_joints_before_the_first_count_are_a_dash() -> None:
     assert words.joints_text(NOT_COUNTED) == "joints –"
     assert words.joints_text(Joints(why="too short", found=2)) == "joints not known (2 found)"
     assert words.joints_text(Joints(3, 3, 20.0)) == "joints 3 (20 s ago)"
+
+
+@pytest.mark.parametrize(
+    ("phase", "expected"),
+    [(Phase.RECORDING, "ALARM"), (Phase.CRASHED, "CRASHED"), (Phase.DELAYED, "DELAYED"), (Phase.FINALIZED, "ALARM")],
+)
+def test_a_title_says_when_nothing_is_known(phase: Phase, expected: str) -> None:
+    assert words.title(live_states.run(phase=phase)) == expected
+    assert words.title(None) == "NO RUN YET"
