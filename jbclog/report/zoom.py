@@ -111,6 +111,10 @@ def _reasons(text: str | None, columns: Iterable[str]) -> str | None:
 
 def varints(values: Ints) -> bytes:
     """Return each number as a zigzag varint: seven bits a byte, the lowest first, the highest bit set where more follow."""
+    return b"".join(_varints(values[rows]) for rows in blocks(len(values)))  # each number takes a hundred bytes on the way
+
+
+def _varints(values: Ints) -> bytes:
     folded = (values << 1) ^ (values >> 63)
     groups = np.stack([folded >> shift for shift in range(0, 49, 7)], axis=1)
     more = np.concatenate([groups[:, 1:] > 0, np.zeros((len(values), 1), dtype=np.bool_)], axis=1)
