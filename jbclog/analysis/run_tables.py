@@ -272,9 +272,9 @@ class RunTables:
         Leaves out damaged stretches, with a warning for each. Raises `UsageError` for an unknown station, `RecordError` for a run
         without `--wire`.
         """
-        self.expect_place(station)
         path = wire_path(self.folder, station)
         if not path.is_file():
+            self.expect_place(station)
             raise RecordError(f"{self.folder}: no serial capture of {station}; `jbclog run --wire` records one")
         head = read_head(path)
         rows = [*rows_and_holes(path)]

@@ -131,7 +131,9 @@ def reports_errors(verb: Callable[P, None]) -> Callable[P, None]:
             raise typer.Exit(error.exit_code) from error
         except KeyboardInterrupt:
             raise typer.Exit(130) from None
-        except (typer.Exit, typer.Abort) as end:
+        except typer.Exit:
+            raise
+        except typer.Abort as end:
             if isinstance(end.__context__, KeyboardInterrupt):  # at a question
                 raise typer.Exit(130) from None
             raise

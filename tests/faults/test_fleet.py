@@ -128,10 +128,10 @@ def test_what_kills_every_process_ends_in_a_sentence(monkeypatch: pytest.MonkeyP
 def test_a_scheduler_that_is_gone_before_or_in_the_middle_is_an_error(
     place: Place, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("jbclog.analysis.fleet.scheduler.CONNECT_S", 1.0)
     with cluster(tmp_path, workers=1) as one:
         results = Scheduler(one.address).run(slow, range(50))
         assert next(results) == 0
+        monkeypatch.setattr("jbclog.analysis.fleet.scheduler.CONNECT_S", 1.0)
         one.processes[0].kill()
         with pytest.raises(RecordError, match="the scheduler is gone"):
             list(results)

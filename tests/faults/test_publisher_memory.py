@@ -29,8 +29,7 @@ print(append(store, "samples", "abc-1", rows), re.search(r"VmHWM:\\s+(\\d+)", Pa
 """
 
 
-@pytest.mark.campaign
-@pytest.mark.parametrize("groups", [30, 90, 180])
+@pytest.mark.parametrize("groups", [30, *(pytest.param(groups, marks=pytest.mark.campaign) for groups in (90, 180))])
 def test_memory_does_not_grow_with_the_rows(tmp_path: Path, groups: int, capsys: pytest.CaptureFixture[str]) -> None:
     run = one_run(tmp_path / "runs", 0, rows=GROUP_ROWS)
     command = [sys.executable, "-c", PROGRAM, str(run), str(tmp_path / "store"), str(groups)]

@@ -14,9 +14,9 @@ import sys
 import time
 import urllib.request
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
-from threading import Thread
+from threading import Lock, Thread
 from typing import Any
 
 from support.readers.texts import ROOT
@@ -103,14 +103,16 @@ def main(port: str, how: str = "") -> None:
     from werkzeug.serving import make_server
 
     serve = DomainDispatcherApplication(create_backend_app)
+    one_by_one = Lock()  # moto looks whether an object is there, and writes it, in two steps
 
     def without(environment: dict[str, Any], start: Callable[..., object]) -> Iterable[bytes]:
         condition = environment.pop(CONDITION, None) if how else None
         if condition and how == "refuse":
             start("501 Not Implemented", [("Content-Type", "application/xml")])
             return [b"<?xml version='1.0'?><Error><Code>NotImplemented</Code><Message>If-None-Match</Message></Error>"]
-        answer: Iterable[bytes] = serve(environment, start)
-        return answer
+        with one_by_one if CONDITION in environment else nullcontext():
+            answer: Iterable[bytes] = serve(environment, start)
+            return answer
 
     signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGUSR1, signal.SIGUSR2))
     while True:
