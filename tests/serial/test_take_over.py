@@ -90,7 +90,7 @@ def told(run: Path) -> list[tuple[str, str | None, int | None]]:
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """What does not succeed is given up soon."""
     monkeypatch.setattr(guard_itself, "RETRY_EVERY_S", 0.1)
-    monkeypatch.setattr("jbclog.session.safety.secure.ALLOWED_S", 0.4)
+    monkeypatch.setattr("jbclog.session.safety.secure.ALLOWED_S", 1.5)
 
 
 def test_every_line_at_once(line: ServedLine, run: Path) -> None:
@@ -206,7 +206,7 @@ IMPATIENT = """
 import sys
 from jbclog.guard import __main__ as guard
 from jbclog.session.safety import secure
-guard.AGAIN_S, secure.ALLOWED_S = 0.1, 0.4
+guard.RETRY_EVERY_S, secure.ALLOWED_S = 0.1, 1.5
 sys.exit(guard.main())
 """
 
